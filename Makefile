@@ -1,0 +1,56 @@
+# Targets: demo, test, lint, bench, build, clean. Each makes what it needs, the virtual environment included.
+#   make demo ARGS="--controller static --payload 200"     options of the demo: make demo ARGS=--help
+#   make test ARGS="tests/kinematics -k jacobian"          arguments for pytest
+#   make PYTHON=python3.12 VENV=.venv-3.12 test            another interpreter in an environment of its own
+PYTHON ?= python3
+VENV ?= .venv
+REQUIREMENTS ?= requirements.txt
+ARGS ?=
+PACKAGES := cspr_kinematics cspr_msgs_py cspr_control cspr_drivers
+READY := $(VENV)/.ready
+
+# Nothing leaves this machine, and no robot in the same network hears it.
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+ROS_DOMAIN_ID ?= 88
+export ROS_DOMAIN_ID
+unexport PYTHONPATH
+
+.PHONY: help demo test lint bench build clean
+help:
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -4
+
+$(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
+	@echo "== making the environment in $(VENV) (once; a few minutes)"
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python >= 3.11 is needed; name one with: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r $(REQUIREMENTS)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation --no-deps \
+		$(PACKAGES:%=-e src/%)
+	@touch $@
+
+demo: $(READY)
+	@echo "== demo: the whole graph on a simulated robot"
+	@$(VENV)/bin/python -m cspr_control.nodes.demo $(ARGS)
+
+test: $(READY)
+	@echo "== tests"
+	$(VENV)/bin/python -m pytest $(ARGS)
+
+lint: $(READY)
+	@echo "== ruff and mypy"
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy $(foreach p,$(PACKAGES),-p $(p))
+
+bench: $(READY)
+	@echo "== benchmarks"
+	$(VENV)/bin/python -m benchmarks $(ARGS)
+
+build: $(READY)
+	@echo "== colcon build"
+	PATH="$(abspath $(VENV))/bin:$$PATH" $(VENV)/bin/colcon --log-base build/log build --base-paths src \
+		--build-base build/colcon --install-base install $(ARGS)
+
+clean:
+	rm -rf build install log $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,1 @@
+"""Benchmarks and studies of the control stack; run with `make bench`."""

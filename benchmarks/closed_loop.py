@@ -1,0 +1,148 @@
+"""The closed loop without ROS and without waiting: the nodes' own functions on the simulated plant, step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
+from cspr_control.motor_control import MotorController, MotorGains
+from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
+from cspr_control.point_to_point import MotionLimits
+from cspr_control.pose_estimation import PoseEstimator
+from cspr_control.reference import ReferencePoint
+from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.trajectory_player import TrajectoryPhase, TrajectoryPlayer
+from cspr_drivers.simulation.plant import Plant
+from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_kinematics import Payload, Robot
+
+CONFIG = Path(__file__).parents[1] / "config"
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """One run of the closed loop; masses in kg, times in s."""
+
+    model: FeedforwardModel = FeedforwardModel.DYNAMIC
+    payload_source: PayloadSource = PayloadSource.ESTIMATED
+    exact_mass: bool = False
+    gains: MotorGains = MotorGains()
+    estimator: EstimatorSettings = EstimatorSettings()
+    trajectory: TrajectoryName = TrajectoryName.PAPER_19
+    payload: float = 100.0
+    added: float = 100.0
+    added_at: float = 3.0
+    motor_inertia_factor: float = 1.0  # on the simulated motors
+    period: float = 0.004
+    estimator_cycles: int = 5  # cycles between two updates of the mass estimate
+    latency: float = 0.0015  # from the latching of the motor states to the torque
+
+
+@dataclass(frozen=True)
+class LoopRecord:
+    """What happened between the start and the end of the trajectory; n cycles, m motors."""
+
+    time: FloatArray  # (n,) s after the start
+    position_error: FloatArray  # (n, m) rad
+    tensions: FloatArray  # (n, m) N
+    torque: FloatArray  # (n, m) N m
+    mass_estimate: FloatArray  # (n,) kg of payload
+    mass_valid: NDArray[np.bool_]
+    mass_true: FloatArray
+
+    @property
+    def rms_deg(self) -> FloatArray:
+        """RMS position error of each motor (m,), degrees."""
+        return np.degrees(np.sqrt((self.position_error**2).mean(axis=0)))
+
+
+def run(settings: LoopSettings) -> LoopRecord:
+    """Run one trajectory on the plant of config/simulation.yaml; a second takes about a third of one."""
+    robot = Robot.from_yaml(CONFIG / "robot.yaml")
+    config = SimulationConfig.from_yaml(CONFIG / "simulation.yaml")
+    config = config.with_payload(Payload(settings.payload, np.zeros(3)))
+    motor = replace(config.robot.motor, inertia=config.robot.motor.inertia * settings.motor_inertia_factor)
+    config = replace(config, robot=replace(config.robot, motor=motor))
+    plant, noise = Plant(config), np.random.default_rng(config.seed)
+    m = robot.number_of_cables
+    limits = MotionLimits(speed=0.4, acceleration=0.5, angular_speed=0.3, angular_acceleration=0.5)
+    player = TrajectoryPlayer(limits)
+    feedforward = Feedforward(robot, FeedforwardSettings(settings.model, settings.payload_source))
+    controllers = [MotorController(robot.motor, settings.gains) for _ in range(m)]
+    pose_estimator, payload_estimator = PoseEstimator(robot), PayloadEstimator(robot, settings.estimator)
+    trajectory = make_trajectory(settings.trajectory, robot, robot.home, TrajectoryOptions(limits, robot.home))
+
+    def advance_to_setpoint(time: float) -> None:
+        reference = player.sample(round(time * 1e9))
+        assert isinstance(reference, ReferencePoint)
+        setpoint = feedforward.compute(time, reference)
+        for k, controller in enumerate(controllers):
+            controller.set_setpoint(
+                time, round(time * 1e9), setpoint.position[k], setpoint.velocity[k], setpoint.effort[k]
+            )
+
+    player.hold(robot.home)
+    advance_to_setpoint(0.0)
+    for k in range(m):
+        plant.set_torque(k, -robot.winch.ratio * plant.tensions()[k])
+        plant.set_brake(k, closed=False)
+    angles = plant.motor_angles()
+    rows = []
+    cycle, started = 0, False
+    while player.phase is not TrajectoryPhase.FINISHED:
+        time = cycle * settings.period
+        stamp = round(time * 1e9)
+        plant.advance(time)
+        if started and plant.payload.mass == settings.payload and settings.added:
+            assert player.start_time is not None
+            if stamp >= player.start_time + round(settings.added_at * 1e9):
+                plant.set_payload(Payload(settings.payload + settings.added, np.zeros(3)))
+        previous, angles = angles, plant.motor_angles()
+        speeds = (angles - previous) / settings.period
+        cells = config.load_cells
+        measured = plant.tensions() * (1 + cells.gain_error) + cells.offset + cells.noise_std * noise.standard_normal(m)
+        payload_estimator.observe_tensions(time, stamp, measured)
+        if cycle % settings.estimator_cycles == 0:
+            payload_estimator.observe_pose(time, stamp, pose_estimator.estimate(angles))
+            published = payload_estimator.update(time).published
+            estimate = plant.payload if settings.exact_mass else published
+            feedforward.set_estimate(time, estimate.mass, estimate.center_of_mass)
+        torque = np.array([c.command(time, stamp, a, s) for c, a, s in zip(controllers, angles, speeds, strict=True)])
+        reference = player.sample(stamp)
+        assert isinstance(reference, ReferencePoint)
+        error = np.array([c._angle for c in controllers]) - angles
+        rows.append((stamp, error, plant.tensions(), torque, payload_estimator.newest, plant.payload.mass))
+        advance_to_setpoint(time + settings.period)
+        if time >= 2.0 and not started:
+            player.start(trajectory)
+            started = True
+        plant.advance(time + settings.latency)
+        for k in range(m):
+            plant.set_torque(k, torque[k])
+        cycle += 1
+    assert player.start_time is not None
+    rows = [row for row in rows if row[0] >= player.start_time]
+    return LoopRecord(
+        time=np.array([row[0] - player.start_time for row in rows]) * 1e-9,
+        position_error=np.array([row[1] for row in rows]),
+        tensions=np.array([row[2] for row in rows]),
+        torque=np.array([row[3] for row in rows]),
+        mass_estimate=np.array([row[4].published.mass for row in rows]),
+        mass_valid=np.array([row[4].valid for row in rows]),
+        mass_true=np.array([row[5] for row in rows]),
+    )
+
+
+def settling_time(record: LoopRecord, tolerance: float = 0.02) -> float:
+    """Time from the change of the payload until the estimate is within a tolerance for good; inf if never."""
+    final = record.mass_true[-1]
+    outside = np.flatnonzero(np.abs(record.mass_estimate - final) > tolerance * final)
+    if outside.size and outside[-1] == record.time.size - 1:
+        return np.inf
+    change = record.time[np.flatnonzero(record.mass_true == final)[0]]
+    return float(record.time[outside[-1] + 1] - change) if outside.size else 0.0

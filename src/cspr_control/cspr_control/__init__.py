@@ -1,0 +1,1 @@
+"""Trajectories, feed-forward, motor control, payload estimation and supervision."""

@@ -1,0 +1,115 @@
+"""Processes that belong together: started with a log each, watched, and ended together."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from cspr_control.errors import ControlError
+
+
+class ChildDiedError(ControlError):
+    """A process ended that should have gone on; carries its name, exit status and last words."""
+
+    def __init__(self, name: str, status: int, last_words: str, log: Path) -> None:
+        self.name, self.status, self.last_words, self.log = name, status, last_words, log
+        words = last_words or "(it said nothing)"
+        super().__init__(
+            f"{name} ended with {_status_text(status)}; its last words (all of them: {log}):\n{words}"
+        )
+
+
+class ChildProcesses:
+    """Python modules run as child processes, ended in the reverse order of their start.
+
+    Each child is the leader of a session of its own, so that a Ctrl-C in the terminal reaches the parent alone and
+    the parent decides in which order the children end. Used as a context manager, no child outlives it.
+
+    Parameters
+    ----------
+    log_directory
+        Where `<name>.log` takes what each child prints.
+    grace
+        Time that a child has to end after SIGINT before it is killed, s.
+    """
+
+    def __init__(self, log_directory: Path, grace: float = 8.0) -> None:
+        self._log_directory = log_directory
+        self._grace = grace
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> ChildProcesses:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
+    def start(
+        self,
+        name: str,
+        module: str,
+        arguments: Sequence[str] = (),
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        """Start `python -m module arguments...` under a name."""
+        self._log_directory.mkdir(parents=True, exist_ok=True)
+        with open(self.log(name), "wb") as log:
+            self._children[name] = subprocess.Popen(
+                [sys.executable, "-u", "-m", module, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **(environment or {})},
+                start_new_session=True,
+            )
+
+    def log(self, name: str) -> Path:
+        """Path of a child's log."""
+        return self._log_directory / f"{name}.log"
+
+    def check(self) -> None:
+        """Raise ChildDiedError if a child has ended."""
+        for name, child in self._children.items():
+            status = child.poll()
+            if status is not None:
+                raise ChildDiedError(name, status, self._last_words(name), self.log(name))
+
+    def end(self) -> None:
+        """End every child: SIGINT in the reverse order of the start, SIGKILL after the grace period."""
+        for name in reversed(list(self._children)):
+            child = self._children.pop(name)
+            if child.poll() is not None:
+                continue
+            with contextlib.suppress(ProcessLookupError):
+                child.send_signal(signal.SIGINT)
+            deadline = time.monotonic() + self._grace
+            # a second Ctrl-C must not leave children behind, so it only shortens the grace
+            while child.poll() is None and time.monotonic() < deadline:
+                try:
+                    child.wait(timeout=max(0.05, deadline - time.monotonic()))
+                except subprocess.TimeoutExpired:
+                    break
+                except KeyboardInterrupt:
+                    deadline = min(deadline, time.monotonic() + 2.0)
+            if child.poll() is None:
+                child.kill()
+                child.wait()
+
+    def _last_words(self, name: str, lines: int = 12) -> str:
+        text = self.log(name).read_text(encoding="utf-8", errors="replace")
+        return "\n".join(f"  {line}" for line in text.strip().splitlines()[-lines:])
+
+
+def _status_text(status: int) -> str:
+    if status < 0:
+        return f"signal {signal.Signals(-status).name}"
+    return f"exit status {status}"

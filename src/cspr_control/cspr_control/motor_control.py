@@ -1,0 +1,213 @@
+"""The controller of one motor (MODEL section 5).
+
+Eight of these answer every bus cycle: plain floats, no arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from cspr_control.errors import SettingError
+from cspr_kinematics import Motor
+
+_NANOSECOND = 1e-9
+
+
+@dataclass(frozen=True)
+class MotorGains:
+    """Gains of the control law, the same for all motors.
+
+    Attributes
+    ----------
+    kp
+        Proportional gain, N m/rad.
+    kd
+        Derivative gain, N m s/rad.
+    friction_compensation
+        Share of the motor's friction that is compensated, 0 to 1.
+    friction_smoothing_speed
+        Desired motor speed at which the smoothed sign function reaches tanh(1) = 0.76, rad/s.
+
+    Raises
+    ------
+    SettingError
+        If a gain is not finite, negative, or a share above one; or the smoothing speed is zero.
+    """
+
+    kp: float = 3.0
+    kd: float = 0.1
+    friction_compensation: float = 1.0
+    friction_smoothing_speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise SettingError(f"{name} is {value}; it must be finite and not negative")
+        if self.friction_compensation > 1.0:
+            raise SettingError(f"friction_compensation is {self.friction_compensation}; it must not exceed 1")
+        if self.friction_smoothing_speed == 0.0:
+            raise SettingError("friction_smoothing_speed is 0 rad/s; it must be more than zero")
+
+    def require_sampled_stability(self, inertia: float, period: float) -> None:
+        """Refuse a derivative gain with which a motor of a slack cable oscillates by itself.
+
+        A speed fed back once a period T to an inertia J is stable only for Kd < 2 J / T: beyond, each answer
+        overcompensates by more than what it corrects.
+
+        Parameters
+        ----------
+        inertia
+            Of the motor and what turns with it, at the motor shaft, kg m^2.
+        period
+            Of the control cycle, s.
+
+        Raises
+        ------
+        SettingError
+            If the gain reaches the limit.
+        """
+        limit = 2.0 * inertia / period
+        if self.kd >= limit:
+            raise SettingError(
+                f"kd is {self.kd} N m s/rad; with a motor inertia of {inertia} kg m^2 at {1.0 / period:g} Hz "
+                f"it must stay below {limit:.4g}"
+            )
+
+
+class Refusal(Enum):
+    """Why a motor state was not answered with a torque."""
+
+    NO_SETPOINT = "no set-point has arrived"
+    STALE_SETPOINT = "the set-point is too old"
+    NOT_FINITE = "the set-point or the motor state is not finite"
+
+
+class MotorController:
+    """PD control, feed-forward torque and friction compensation of one motor.
+
+    ``tau = Kp (q_d - q) + Kd (qdot_d - qdot) + tau_ff + F_s tanh(qdot_d / v_s) + F_v qdot_d``, limited to the
+    motor's torque. Friction is compensated at the *desired* speed: it carries no measurement noise, and tanh
+    instead of the sign makes it continuous, so that the torque does not chatter around standstill.
+
+    Parameters
+    ----------
+    motor
+        Torque limit and friction.
+    gains
+        Gains of the control law.
+    setpoint_timeout
+        Age at which a set-point is no longer used, s; also the longest time over which it is carried on.
+
+    Attributes
+    ----------
+    saturations
+        Number of torques that had to be limited.
+    refusals
+        Number of motor states not answered, by cause.
+    last_refusal
+        Why the newest motor state was not answered; None if it was.
+    """
+
+    __slots__ = (
+        "_angle",
+        "_coulomb",
+        "_kd",
+        "_kp",
+        "_received",
+        "_smoothing",
+        "_speed",
+        "_stamp",
+        "_timeout",
+        "_torque",
+        "_torque_limit",
+        "_viscous",
+        "last_refusal",
+        "motor",
+        "refusals",
+        "saturations",
+    )
+
+    def __init__(self, motor: Motor, gains: MotorGains, setpoint_timeout: float = 0.05) -> None:
+        if not (math.isfinite(setpoint_timeout) and setpoint_timeout > 0.0):
+            raise SettingError(
+                f"setpoint_timeout is {setpoint_timeout} s; it must be finite and more than zero"
+            )
+        self.motor = motor
+        self.saturations = 0
+        self.refusals = dict.fromkeys(Refusal, 0)
+        self.last_refusal: Refusal | None = Refusal.NO_SETPOINT
+        self._torque_limit = motor.torque_limit
+        self._timeout = setpoint_timeout
+        self._received = -math.inf
+        self._stamp = 0
+        self._angle = self._speed = self._torque = 0.0
+        self.set_gains(gains)
+
+    def set_gains(self, gains: MotorGains) -> None:
+        """Use other gains from the next command on."""
+        self._kp, self._kd = gains.kp, gains.kd
+        self._coulomb = gains.friction_compensation * self.motor.coulomb_friction
+        self._viscous = gains.friction_compensation * self.motor.viscous_friction
+        self._smoothing = gains.friction_smoothing_speed
+
+    def set_setpoint(self, received: float, stamp: int, angle: float, speed: float, torque: float) -> None:
+        """Take over a set-point.
+
+        Parameters
+        ----------
+        received
+            Monotonic time of its arrival, s.
+        stamp
+            ROS time at which it is to be reached, ns.
+        angle, speed, torque
+            rad, rad/s and N m. Whether they are finite is judged when they are used.
+        """
+        self._received = received
+        self._stamp = stamp
+        self._angle = angle
+        self._speed = speed
+        self._torque = torque
+
+    def command(self, time: float, stamp: int, angle: float, speed: float) -> float | None:
+        """Torque that answers a motor state, N m; None where there must be none.
+
+        Parameters
+        ----------
+        time
+            Monotonic time, s.
+        stamp
+            ROS time at which the state was latched, ns. The set-point is carried to this time with its speed,
+            so that the two are compared at one instant.
+        angle, speed
+            Measured, rad and rad/s.
+        """
+        ahead = (stamp - self._stamp) * _NANOSECOND
+        if time - self._received > self._timeout or not -self._timeout <= ahead <= self._timeout:
+            missing = self._received == -math.inf
+            return self._refuse(Refusal.NO_SETPOINT if missing else Refusal.STALE_SETPOINT)
+        desired_speed = self._speed
+        torque = (
+            self._kp * (self._angle + desired_speed * ahead - angle)
+            + self._kd * (desired_speed - speed)
+            + self._torque
+            + self._coulomb * math.tanh(desired_speed / self._smoothing)
+            + self._viscous * desired_speed
+        )
+        if not math.isfinite(torque):
+            return self._refuse(Refusal.NOT_FINITE)
+        self.last_refusal = None
+        limit = self._torque_limit
+        if torque > limit:
+            self.saturations += 1
+            return limit
+        if torque < -limit:
+            self.saturations += 1
+            return -limit
+        return torque
+
+    def _refuse(self, cause: Refusal) -> float | None:
+        self.refusals[cause] += 1
+        self.last_refusal = cause
+        return None

@@ -1,0 +1,47 @@
+"""Watching one quantity of each cable or motor against a limit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspr_control.errors import SettingError
+
+
+class LastingViolation:
+    """Tells when a limit has been violated without a break for longer than a stated time.
+
+    The limit of a quantity that jumps for a moment in good operation (a cable goes slack when the reference
+    changes its velocity at once) must not stop the robot at the first sample.
+
+    Parameters
+    ----------
+    count
+        Number m of cables or motors.
+    allowed_time
+        How long a violation may last, s.
+    """
+
+    def __init__(self, count: int, allowed_time: float) -> None:
+        if not allowed_time >= 0.0:
+            raise SettingError(
+                f"the allowed time of a violation is {allowed_time} s; it must not be negative"
+            )
+        self._allowed_time = allowed_time
+        self._since: NDArray[np.float64] = np.full(count, np.inf)
+
+    def clear(self) -> None:
+        """Forget what was seen."""
+        self._since.fill(np.inf)
+
+    def update(self, time: float, violated: ArrayLike) -> int | None:
+        """Take over which of the m violate the limit at ``time`` (monotonic, s).
+
+        Returns
+        -------
+        The index of the one that has violated it longest, if that is longer than allowed; else None.
+        """
+        violated = np.asarray(violated, dtype=bool)
+        self._since = np.where(violated, np.minimum(self._since, time), np.inf)
+        first = int(self._since.argmin())
+        return first if violated[first] and time - self._since[first] >= self._allowed_time else None

@@ -1,0 +1,23 @@
+"""Install cspr_control as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "cspr_control"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    install_requires=["setuptools", "numpy", "cspr_kinematics", "cspr_msgs_py"],
+    zip_safe=True,
+    maintainer="CSPR developers",
+    maintainer_email="developers@cspr-control.org",
+    description="Trajectories, feed-forward, motor control, payload estimation and supervision",
+    license="Apache-2.0",
+    entry_points={"console_scripts": []},
+)

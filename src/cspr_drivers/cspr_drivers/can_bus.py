@@ -1,0 +1,254 @@
+"""Open CAN buses, shared by all drivers of a process: one python-can bus and one receiving thread each."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+
+import can
+import canopen
+
+from cspr_drivers.can_config import BusConfig, CanConfig
+from cspr_drivers.errors import BusError, FrameError
+from cspr_drivers.frame_table import NMT_COB_ID, SYNC_COB_ID, FunctionCode, cob_id
+
+FrameHandler = Callable[[bytes | bytearray, float], None]
+SyncHandler = Callable[[float, int], None]
+
+# Both libraries log what they also raise; the errors of this package say it once, in one line.
+for library in ("can", "canopen"):
+    logging.getLogger(library).addHandler(logging.NullHandler())
+
+_OPEN_PROBLEMS = {
+    errno.ENODEV: "there is no such interface; `ip link` lists them",
+    errno.ENETDOWN: "the interface is down; `ip link set {channel} up type can bitrate {bitrate}` starts it",
+    errno.EBUSY: "the interface is in use by another program",
+    errno.EPERM: "this user may not use the interface",
+    errno.EACCES: "this user may not use the interface",
+    errno.EAFNOSUPPORT: "this kernel has no CAN support; `modprobe can_raw` loads it",
+    errno.EPROTONOSUPPORT: "this kernel has no CAN support; `modprobe can_raw` loads it",
+}
+
+
+class CanPort:
+    """One open bus: frames go out by `send`, and come in at the handler of their COB-ID.
+
+    Handlers run in the bus's receiving thread and get the data of the frame and the moment at which it was on
+    the bus, in seconds of `time.monotonic`. Frames without a handler of this class go to `network`.
+
+    Attributes
+    ----------
+    name
+        Name of the bus in the configuration.
+    network
+        The CANopen network on this bus, for NMT, SDO and EMCY.
+    unknown_frames, malformed_frames, send_errors, bus_errors
+        Counts since the bus was opened.
+    last_problem
+        The newest of what was counted, in words; empty when nothing was.
+    """
+
+    def __init__(self, name: str, bus: can.BusABC, known_cob_ids: Iterable[int] = ()) -> None:
+        self.name = name
+        self.network = canopen.Network(bus)
+        self.unknown_frames = 0
+        self.malformed_frames = 0
+        self.send_errors = 0
+        self.bus_errors = 0
+        self.last_problem = ""
+        self._bus = bus
+        self._handlers: dict[int, FrameHandler] = {}
+        self._known = frozenset(known_cob_ids)
+        self._closed = threading.Event()
+        # Both clocks are read together at each SYNC, see `note_sync`.
+        self._wall_to_monotonic = time.monotonic() - time.time()
+        # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
+        self.network.listeners[:] = [_Receiver(self)]
+        self.network.connect()
+
+    def subscribe(self, cob_id: int, handler: FrameHandler) -> None:
+        """Let `handler` have the frames of a COB-ID."""
+        self._handlers[cob_id] = handler
+
+    def send(self, message: can.Message) -> bool:
+        """Put a frame on the bus; return whether that went well. Failures are counted, not raised."""
+        try:
+            with self.network.send_lock:
+                self._bus.send(message)
+        except can.CanError as error:
+            self.send_errors += 1
+            self.last_problem = f"sending COB-ID 0x{message.arbitration_id:03X}: {error}"
+            return False
+        return True
+
+    def note_sync(self, now: float) -> None:
+        """Align wall-clock stamps of received frames with the monotonic clock at `now`."""
+        self._wall_to_monotonic = now - time.time()
+
+    def close(self) -> None:
+        """Stop receiving and close the bus."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self.network.NOTIFIER_SHUTDOWN_TIMEOUT = 0.5
+            self.network.disconnect()
+
+    def receive(self, message: can.Message) -> None:
+        """Give a received frame to whom it belongs; called by the receiving thread."""
+        identifier = message.arbitration_id
+        if message.is_error_frame:
+            self.bus_errors += 1
+            self.last_problem = "error frame on the bus"
+            return
+        if message.is_remote_frame:
+            return
+        handler = self._handlers.get(identifier)
+        try:
+            if handler is not None:
+                handler(message.data, self._on_bus(message.timestamp))
+            elif identifier in self.network.subscribers:
+                self.network.notify(identifier, message.data, message.timestamp)
+            elif identifier not in self._known:
+                self.unknown_frames += 1
+                self.last_problem = f"frame of unknown COB-ID 0x{identifier:03X}"
+        except (FrameError, struct.error) as error:  # the latter from canopen, for a frame cut short
+            self.malformed_frames += 1
+            self.last_problem = f"frame of COB-ID 0x{identifier:03X}: {error}"
+
+    def receive_failed(self, error: Exception) -> None:
+        """Count a failure of the receiving thread, which then goes on."""
+        if not self._closed.is_set():
+            self.bus_errors += 1
+            self.last_problem = f"receiving: {error}"
+            # canopen would refuse to send for ever after; the next frame may well come through.
+            self.network.notifier.exception = None
+            # An interface that went down fails again at once, for as long as it is down.
+            self._closed.wait(0.1)
+
+    def _on_bus(self, timestamp: float) -> float:
+        now = time.monotonic()
+        then = timestamp + self._wall_to_monotonic
+        # A device without its own stamps, or a wall clock that was set, must not invent ages.
+        return then if now - 1.0 < then < now else now
+
+
+class _Receiver:
+    """What python-can's receiving thread calls for one port."""
+
+    def __init__(self, port: CanPort) -> None:
+        self._port = port
+
+    def __call__(self, message: can.Message) -> None:
+        self._port.receive(message)
+
+    def on_error(self, error: Exception) -> None:
+        self._port.receive_failed(error)
+
+
+class CanPorts:
+    """The open buses of a process, by name.
+
+    SYNC frames sent by this process and SYNC frames received from another one reach the same handlers.
+    """
+
+    def __init__(self, ports: Iterable[CanPort]) -> None:
+        self._ports = {port.name: port for port in ports}
+        self._sync_handlers: list[SyncHandler] = []
+        self._sync = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
+        first = next(iter(self._ports.values()))
+        first.subscribe(SYNC_COB_ID, self._receive_sync)
+
+    def __getitem__(self, name: str) -> CanPort:
+        return self._ports[name]
+
+    def __iter__(self) -> Iterator[CanPort]:
+        return iter(self._ports.values())
+
+    def on_sync(self, handler: SyncHandler) -> None:
+        """Call `handler` with monotonic time, s, and ROS time, ns, just before each SYNC."""
+        self._sync_handlers.append(handler)
+
+    def send_sync(self) -> None:
+        """Put SYNC on every bus."""
+        now, stamp = time.monotonic(), time.time_ns()
+        for handler in self._sync_handlers:
+            handler(now, stamp)
+        for port in self._ports.values():
+            port.note_sync(now)
+            port.send(self._sync)
+
+    def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
+        del data
+        stamp = time.time_ns() - int(1e9 * (time.monotonic() - now))
+        for handler in self._sync_handlers:
+            handler(now, stamp)
+
+    def close(self) -> None:
+        """Close all buses."""
+        for port in self._ports.values():
+            port.close()
+
+
+def open_ports(config: CanConfig) -> CanPorts:
+    """Open all buses of a configuration.
+
+    Raises
+    ------
+    BusError
+        If one cannot be opened; those already open are closed again.
+    """
+    ports: list[CanPort] = []
+    try:
+        for bus in config.buses:
+            ports.append(CanPort(bus.name, open_bus(bus), _known_cob_ids(config, bus.name)))
+    except BusError:
+        for port in ports:
+            port.close()
+        raise
+    return CanPorts(ports)
+
+
+def open_bus(config: BusConfig) -> can.BusABC:
+    """Open one bus with python-can.
+
+    Raises
+    ------
+    BusError
+        In one line: which bus, and what to do about it.
+    """
+    place = f"CAN bus {config.name} ({config.interface}, channel {config.channel})"
+    try:
+        bus = can.Bus(channel=config.channel, interface=config.interface, bitrate=config.bitrate)
+    except can.CanInterfaceNotImplementedError:
+        raise BusError(
+            f"{place}: python-can has no interface of this type, or its driver is missing"
+        ) from None
+    except (can.CanError, OSError, ValueError) as error:
+        raise BusError(f"{place}: {_open_problem(error, config)}") from None
+    try:
+        bus.recv(timeout=0.0)  # an interface that is down can be opened, but not read
+    except can.CanError as error:
+        bus.shutdown()
+        raise BusError(f"{place}: {_open_problem(error, config)}") from None
+    return bus
+
+
+def _open_problem(error: Exception, config: BusConfig) -> str:
+    codes = [getattr(error, "errno", None), getattr(error, "error_code", None)]
+    if error.__cause__ is not None:
+        codes.append(getattr(error.__cause__, "errno", None))
+    for code in codes:
+        if code in _OPEN_PROBLEMS:
+            return _OPEN_PROBLEMS[code].format(channel=config.channel, bitrate=config.bitrate)
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _known_cob_ids(config: CanConfig, bus: str) -> set[int]:
+    """Return the COB-IDs that may be seen on a bus, whoever in this or another process handles them."""
+    nodes = [drive.node_id for drive in config.drives if drive.bus == bus]
+    nodes += [cell.node_id for cell in config.load_cells if cell.bus == bus]
+    known = {cob_id(function, node) for function in FunctionCode for node in nodes}
+    return known | {NMT_COB_ID, SYNC_COB_ID, cob_id(FunctionCode.HEARTBEAT, config.master_node_id)}

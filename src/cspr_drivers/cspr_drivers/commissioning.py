@@ -1,0 +1,98 @@
+"""Configuring devices in the background, again and again until each one answers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+
+from cspr_drivers.errors import DeviceError
+
+RETRY_INTERVAL = 1.0  # s
+
+
+class Commissioning:
+    """A thread that configures the devices that need it.
+
+    Parameters
+    ----------
+    names
+        Names of the devices, for messages.
+    configure
+        Configures the device of an index; raises `DeviceError` when that fails. Called in this thread.
+    allowed
+        Whether devices may be configured now.
+    report
+        Told, in one line, of each device that fails (once a cause) and of each that is ready.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        configure: Callable[[int], None],
+        allowed: Callable[[], bool],
+        report: Callable[[str], None],
+    ) -> None:
+        self._names = tuple(names)
+        self._configure = configure
+        self._allowed = allowed
+        self._report = report
+        self._lock = threading.Lock()
+        self._problems: dict[int, str] = dict.fromkeys(range(len(self._names)), "not configured yet")
+        self._reported: dict[int, str] = {}
+        self._wake = threading.Event()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="commissioning", daemon=True)
+
+    def start(self) -> None:
+        """Begin with all devices."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End; returns when the device at hand is done with."""
+        self._stopping.set()
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=2.0)
+
+    def request(self, index: int, reason: str) -> None:
+        """Configure a device again."""
+        with self._lock:
+            self._problems[index] = reason
+        self._wake.set()
+
+    @property
+    def problems(self) -> dict[str, str]:
+        """Devices that are not configured, with the reason, in words."""
+        with self._lock:
+            return {self._names[index]: problem for index, problem in sorted(self._problems.items())}
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            self._wake.clear()
+            with self._lock:
+                waiting = sorted(self._problems)
+            for index in waiting:
+                if self._stopping.is_set():
+                    return
+                if self._allowed():
+                    self._attempt(index)
+            self._wake.wait(RETRY_INTERVAL if waiting else None)
+
+    def _attempt(self, index: int) -> None:
+        with self._lock:
+            before = self._problems[index]
+        try:
+            self._configure(index)
+        except DeviceError as error:
+            with self._lock:
+                self._problems[index] = error.problem
+            if self._reported.get(index) != error.problem:
+                self._reported[index] = error.problem
+                self._report(str(error))
+            return
+        with self._lock:
+            # A restart reported meanwhile asks for one more round.
+            if self._problems.get(index) == before:
+                del self._problems[index]
+        if self._reported.pop(index, None) is not None:
+            self._report(f"{self._names[index]}: ready")

@@ -1,0 +1,116 @@
+"""Bookkeeping of the control cycle: who answered the SYNC, which commands came in time, how long it took.
+
+A cycle runs from one SYNC to the next. It is *missed* when not all m fresh commands were put on the bus in
+it; a command is fresh when it answers the motor states of that very cycle. The latency of a cycle runs from
+its last feedback frame to the last of its m commands. Times are arguments, in seconds of one monotonic clock.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cspr_drivers.latency import LatencyHistogram, LatencySummary
+
+
+@dataclass(frozen=True)
+class CycleStatistics:
+    """Counts since the last `clear`.
+
+    Attributes
+    ----------
+    cycles
+        Cycles that have ended.
+    missed_cycles
+        Those of them without m fresh commands in time.
+    incomplete_cycles
+        Those of them in which not all drives answered; these are missed as well.
+    late_commands
+        Commands that answered an earlier cycle.
+    repeated_feedback
+        Feedback frames of a drive that had already answered in the cycle.
+    latency
+        Of the cycles that were not missed.
+    """
+
+    cycles: int
+    missed_cycles: int
+    incomplete_cycles: int
+    late_commands: int
+    repeated_feedback: int
+    latency: LatencySummary
+
+
+class Cycle:
+    """The present cycle and the statistics of those before it.
+
+    Parameters
+    ----------
+    motors
+        Number m of drives that answer, and of commands that each cycle wants.
+    """
+
+    def __init__(self, motors: int) -> None:
+        self._motors = motors
+        self._histogram = LatencyHistogram()
+        self._begin()
+        self.clear()
+
+    def _begin(self) -> None:
+        self._answered: set[int] = set()
+        self._commanded: set[int] = set()
+        self._last_feedback = 0.0
+        self._last_command = 0.0
+
+    def clear(self) -> None:
+        """Restart the statistics; the present cycle goes on and is counted when it ends."""
+        self._cycles = 0
+        self._missed = 0
+        self._incomplete = 0
+        self._late_commands = 0
+        self._repeated_feedback = 0
+        self._histogram.clear()
+
+    def sync(self, counted: bool) -> None:
+        """End the present cycle, which enters the statistics when `counted`, and begin the next."""
+        if counted:
+            self._cycles += 1
+            if len(self._answered) < self._motors:
+                self._incomplete += 1
+            if len(self._commanded) < self._motors:
+                self._missed += 1
+            else:
+                self._histogram.add(max(0.0, self._last_command - self._last_feedback))
+        self._begin()
+
+    def feedback(self, index: int, time: float) -> bool:
+        """Note the feedback of a drive, on the bus at `time`; return whether it was the last one missing."""
+        if index in self._answered:
+            self._repeated_feedback += 1
+            return False
+        self._answered.add(index)
+        self._last_feedback = max(self._last_feedback, time)
+        return len(self._answered) == self._motors
+
+    def command(self, index: int, fresh: bool, time: float) -> None:
+        """Note that a command was put on the bus at `time`."""
+        if not fresh:
+            self._late_commands += 1
+        elif index not in self._commanded:
+            self._commanded.add(index)
+            self._last_command = max(self._last_command, time)
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """Drives that have not answered in the present cycle."""
+        return tuple(index for index in range(self._motors) if index not in self._answered)
+
+    def statistics(self) -> CycleStatistics:
+        """Return the counts so far."""
+        return CycleStatistics(
+            self._cycles,
+            self._missed,
+            self._incomplete,
+            self._late_commands,
+            self._repeated_feedback,
+            self._histogram.summary(),
+        )

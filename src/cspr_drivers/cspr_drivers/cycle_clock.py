@@ -1,0 +1,71 @@
+"""The clock of the control cycle: a thread that is paced by absolute monotonic time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+
+class CycleClock:
+    """Calls `tick` once a period.
+
+    The moments lie on a fixed grid: a late call does not shift the later ones. Moments that have passed while a
+    call took too long are left out and counted; they are never made up for in a burst.
+
+    Parameters
+    ----------
+    period
+        Time between two calls, s.
+    tick
+        What is called, in this clock's own thread, with the monotonic time, s. What it raises ends the thread.
+    """
+
+    def __init__(self, period: float, tick: Callable[[float], None]) -> None:
+        self._period = period
+        self._tick = tick
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="cycle clock", daemon=True)
+        self._skipped = 0
+        self._worst_lateness = 0.0
+
+    def start(self) -> None:
+        """Begin to call."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop calling; returns when the last call has ended."""
+        self._stopping.set()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(timeout=1.0)
+
+    @property
+    def running(self) -> bool:
+        """Whether the clock is calling."""
+        return self._thread.is_alive()
+
+    @property
+    def skipped(self) -> int:
+        """Moments that were left out."""
+        return self._skipped
+
+    @property
+    def worst_lateness(self) -> float:
+        """Largest delay of a call behind its moment, s."""
+        return self._worst_lateness
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._stopping.is_set():
+            now = time.monotonic()
+            if now < due:
+                time.sleep(due - now)
+                now = time.monotonic()
+            self._worst_lateness = max(self._worst_lateness, now - due)
+            self._tick(now)
+            due += self._period
+            behind = time.monotonic() - due
+            if behind > self._period:
+                left_out = int(behind / self._period)
+                self._skipped += left_out
+                due += left_out * self._period

@@ -1,0 +1,1 @@
+"""Emulated drives and load cells on a simulated cable robot."""

@@ -1,0 +1,106 @@
+"""An emulated strain-gauge amplifier with its load cell (CiA 404, one analogue input)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from canopen.sdo import SdoAbortedError
+
+from cspr_drivers.can_config import LoadCellConfig
+from cspr_drivers.cia404 import AUTOZERO_SIGNATURE, InputStatus
+from cspr_drivers.simulation.canopen_codes import SdoAbort
+from cspr_drivers.simulation.emulated_node import EmulatedNode
+from cspr_drivers.simulation.shared_plant import SharedPlant
+from cspr_drivers.simulation.simulation_config import LoadCellProperties
+
+_SPAN = 5000  # N, upper end of the measuring range
+_SPAN_BELOW_ZERO = 100  # N, measuring range below zero
+_LARGEST = 2**31 - 1
+
+
+class LoadCellEmulator(EmulatedNode):
+    """The amplifier of one cable's load cell.
+
+    Parameters
+    ----------
+    config
+        Node id and calibration.
+    eds
+        Its object dictionary, `cia404_load_cell.eds`.
+    machine
+        The machine.
+    index
+        Number of the cable, from 0.
+    errors
+        Noise, gain errors and offsets of the load cells.
+    seed
+        Seed of the noise.
+    """
+
+    def __init__(
+        self,
+        config: LoadCellConfig,
+        eds: Path,
+        machine: SharedPlant,
+        index: int,
+        errors: LoadCellProperties,
+        seed: int,
+    ) -> None:
+        digits = 10**config.units.decimal_digits
+        nameplate = {
+            (0x6132, 1): config.units.decimal_digits,
+            (0x9148, 1): -_SPAN_BELOW_ZERO * digits,
+            (0x9149, 1): min(_SPAN * digits, _LARGEST),
+        }
+        super().__init__(config.node_id, eds, machine, nameplate)
+        self.name = config.name
+        self._index = index
+        self._units = config.units
+        self._noise_std = errors.noise_std
+        self._gain = 1.0 + float(errors.gain_error[index])
+        self._offset = float(errors.offset[index])
+        self._noise = np.random.default_rng((seed, index))
+        self._span = (nameplate[0x9148, 1], nameplate[0x9149, 1])
+        self._input_offset = 0  # added to the process value, 9124h
+        self._process_value = 0
+        self._status = InputStatus.NOT_VALID
+        self.readers |= {
+            (0x6150, 1): lambda: int(self._status),
+            (0x9124, 1): lambda: self._input_offset,
+            (0x9130, 1): lambda: self._process_value,
+        }
+        self.writers |= {
+            (0x6125, 1): self._autozero,
+            (0x9124, 1): self._write_input_offset,
+        }
+
+    def latch(self) -> None:
+        """Take the tension of the cable."""
+        noise = float(self._noise.normal(0.0, self._noise_std)) if self._noise_std else 0.0
+        shown = self._shown(noise) + self._input_offset
+        low, high = self._span
+        if shown > high:
+            self._status = InputStatus.POSITIVE_OVERLOAD
+        elif shown < low:
+            self._status = InputStatus.NEGATIVE_OVERLOAD
+        else:
+            self._status = InputStatus.VALID
+        self._process_value = max(low, min(high, shown))
+
+    def restart(self, time: float) -> None:
+        """Begin as after power-on; the zero of the last taring is kept, as amplifiers store it."""
+        self._status = InputStatus.NOT_VALID
+
+    def _shown(self, noise: float) -> int:
+        tension = self._machine.measure().tensions[self._index]
+        return self._units.process_value(self._gain * tension + self._offset + noise)
+
+    def _autozero(self, signature: int) -> None:
+        if signature != AUTOZERO_SIGNATURE:
+            raise SdoAbortedError(SdoAbort.CANNOT_BE_STORED)
+        # The mean over the amplifier's filter time is free of noise.
+        self._input_offset = -self._shown(noise=0.0)
+
+    def _write_input_offset(self, value: int) -> None:
+        self._input_offset = value

@@ -1,0 +1,226 @@
+"""The simulated machine: platform, payload, elastic cables and winches in MuJoCo.
+
+MuJoCo integrates the rigid bodies and the winch shafts (inertia, dry and viscous friction, brake) and measures
+the geometric length of each cable. The cable law, a spring that cannot push on a free length which the winch
+pays out, stands here, since MuJoCo's own tendon springs have a constant rest length.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
+from numpy.typing import NDArray
+
+from cspr_drivers.errors import DriverError
+from cspr_drivers.simulation.simulation_config import CableProperties, SimulationConfig
+
+FloatArray = NDArray[np.float64]
+
+# Dry friction and the brake are constraints in MuJoCo and creep under load as far as these are soft. With an
+# impedance this close to 1 the brake slips by less than 1e-4 rad/s of the motor under the largest load.
+_SHAFT_SOLVER = 'solreffriction="0.002 1" solimpfriction="0.9999 0.9999 0.001"'
+
+
+class PlantError(DriverError):
+    """The simulated machine cannot be built or has left the range in which it is a model of anything."""
+
+
+class Plant:
+    """Platform on elastic cables from motorised winches, integrated on demand.
+
+    Nothing runs by itself: `advance` integrates up to a time with the inputs as they are. Set inputs after
+    advancing to the moment at which they change. All motor quantities are at the motor shaft, positive angle pays
+    out, zero at the home pose. Not thread-safe: the caller serialises.
+
+    Parameters
+    ----------
+    config
+        The true machine. The plant starts at rest at the home pose, in equilibrium, with brakes closed.
+
+    Raises
+    ------
+    PlantError
+        If no cable tensions hold the platform and its payload at the home pose.
+    """
+
+    def __init__(self, config: SimulationConfig) -> None:
+        self._config = config
+        self._robot = robot = config.robot
+        self._cables: CableProperties = config.cables
+        m = robot.number_of_cables
+        self._model = mujoco.MjModel.from_xml_string(_mjcf(robot, config.time_step))
+        self._data = mujoco.MjData(self._model)
+        self._scratch = mujoco.MjData(self._model)  # mj_setConst overwrites the data that it is given
+        self._payload_body = self._model.body("payload").id
+        shaft = np.array([self._model.joint(f"shaft_{i}").dofadr[0] for i in range(m)])
+        self._shaft = slice(int(shaft[0]), int(shaft[-1]) + 1)
+        self._shaft_position = slice(
+            int(self._model.joint("shaft_0").qposadr[0]),
+            int(self._model.joint(f"shaft_{m - 1}").qposadr[0]) + 1,
+        )
+        self._friction = np.full(m, robot.motor.coulomb_friction)
+        self._torque_input = np.zeros(m)
+        self._applied_torque = np.zeros(m)
+        self._damping = np.zeros(m)
+        self._tensions = np.zeros(m)
+        self._pay_out = robot.winch.ratio  # m of cable per rad of the motor
+        self._payload = Payload.none()
+        self.set_payload(config.payload)
+        self._free_lengths_at_home = self._equilibrium_free_lengths()
+        for index in range(m):
+            self.set_brake(index, closed=True)
+        mujoco.mj_forward(self._model, self._data)
+        self._update_tensions()
+
+    def _equilibrium_free_lengths(self) -> FloatArray:
+        """Free lengths with which the platform hangs still at the home pose, m. (m,)."""
+        robot = self._robot
+        cables = inverse_kinematics(robot, robot.home)
+        held = distribute_tensions(
+            cables.wrench_matrix,
+            static_wrench(robot, robot.home, self._payload),
+            robot.tension_min,
+            robot.tension_max,
+            method="closest",
+        )
+        if not held.feasible:
+            raise PlantError(
+                f"no cable tensions within {robot.tension_min:g}..{robot.tension_max:g} N hold the platform with a "
+                f"payload of {self._payload.mass:g} kg at the home pose: reduce the payload in simulation.yaml"
+            )
+        stretch = held.tensions / self._cables.axial_stiffness
+        dead = self._cables.dead_length
+        free: FloatArray = (cables.lengths + dead) / (1.0 + stretch) - dead
+        return free
+
+    @property
+    def time(self) -> float:
+        """Time since the plant was made, s."""
+        return float(self._data.time)
+
+    @property
+    def payload(self) -> Payload:
+        """What the platform carries now."""
+        return self._payload
+
+    def set_payload(self, payload: Payload) -> None:
+        """Put a point mass on the platform in place of what it carries, moving with the platform from now on."""
+        body, model = self._payload_body, self._model
+        # MuJoCo wants a body with mass and inertia; a milligram is nobody's payload
+        model.body_mass[body] = max(payload.mass, 1e-6)
+        model.body_inertia[body] = max(payload.mass, 1e-6) * 1e-4
+        model.body_ipos[body] = payload.center_of_mass
+        mujoco.mj_setConst(model, self._scratch)
+        self._payload = payload
+
+    def set_torque(self, index: int, torque: float) -> None:
+        """Set the torque that a drive applies to its motor shaft, N m."""
+        self._torque_input[index] = torque
+
+    def set_damping(self, index: int, gain: float) -> None:
+        """Set the velocity feedback with which a drive brakes its motor by itself, N m s/rad; 0 turns it off."""
+        self._damping[index] = gain
+
+    def set_brake(self, index: int, closed: bool) -> None:
+        """Close or open the holding brake of a motor."""
+        held = self._config.brake.holding_torque if closed else 0.0
+        self._model.dof_frictionloss[self._shaft.start + index] = self._friction[index] + held
+
+    def motor_angles(self) -> FloatArray:
+        """Angles of the motor shafts, rad. (m,)."""
+        return self._data.qpos[self._shaft_position].copy()
+
+    def motor_speeds(self) -> FloatArray:
+        """Speeds of the motor shafts, rad/s. (m,)."""
+        return self._data.qvel[self._shaft].copy()
+
+    def motor_torques(self) -> FloatArray:
+        """Torques that the drives apply, saturated at the limit of the motors, N m. (m,)."""
+        return self._applied_torque.copy()
+
+    def tensions(self) -> FloatArray:
+        """True tensions of the cables, N. (m,)."""
+        return self._tensions.copy()
+
+    def platform_position(self) -> FloatArray:
+        """Position of the platform's origin in the base frame, m. (3,)."""
+        return self._data.body("platform").xpos.copy()
+
+    def platform_rotation(self) -> FloatArray:
+        """Rotation of the platform in the base frame. (3, 3)."""
+        return self._data.body("platform").xmat.reshape(3, 3).copy()
+
+    def advance(self, time: float) -> None:
+        """Integrate to a time (s since the plant was made) with the inputs as they are; earlier times do nothing.
+
+        Raises
+        ------
+        PlantError
+            If the integration diverges.
+        """
+        data, model = self._data, self._model
+        m = self._tensions.size
+        limit = self._robot.motor.torque_limit
+        while data.time + 0.5 * self._config.time_step <= time:
+            mujoco.mj_step1(model, data)  # lengths and rates of the present state
+            self._update_tensions()
+            torque = self._torque_input - self._damping * data.qvel[self._shaft]
+            np.clip(torque, -limit, limit, out=self._applied_torque)
+            data.ctrl[:m] = -self._tensions
+            data.ctrl[m:] = self._applied_torque + self._pay_out * self._tensions
+            mujoco.mj_step2(model, data)
+            if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+                raise PlantError(f"the simulated machine diverged at t = {data.time:.4f} s")
+
+    def _update_tensions(self) -> None:
+        data, cables = self._data, self._cables
+        free = self._free_lengths_at_home + self._pay_out * data.qpos[self._shaft_position]
+        stretch = data.ten_length - free
+        rate = data.ten_velocity - self._pay_out * data.qvel[self._shaft]
+        stiffness = cables.axial_stiffness / (free + cables.dead_length)
+        pull = stiffness * (stretch + cables.damping_time * rate)
+        # slack cables neither push nor damp
+        np.maximum(pull, 0.0, out=pull)
+        self._tensions[:] = np.where(stretch > 0.0, pull, 0.0)
+
+
+def _mjcf(robot: Robot, time_step: float) -> str:
+    """Return the MuJoCo model of a robot: a free platform, one shaft a winch, one spatial tendon a cable."""
+    body = robot.platform
+    inertia = body.inertia
+    full = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
+    m = range(robot.number_of_cables)
+    motor = robot.motor
+    home = robot.home
+    x, y, z, w = home.quaternion
+    exits = "".join(f'<site name="exit_{i}" pos="{_row(robot.exit_points[i])}"/>' for i in m)
+    anchors = "".join(f'<site name="anchor_{i}" pos="{_row(robot.anchor_points[i])}"/>' for i in m)
+    shafts = "".join(
+        f'<body name="winch_{i}" pos="{_row(robot.exit_points[i])}"><inertial pos="0 0 0" mass="1e-3" '
+        f'diaginertia="1e-9 1e-9 1e-9"/><joint name="shaft_{i}" type="hinge" armature="{motor.inertia!r}" '
+        f'damping="{motor.viscous_friction!r}" frictionloss="{motor.coulomb_friction!r}" {_SHAFT_SOLVER}/></body>'
+        for i in m
+    )
+    tendons = "".join(
+        f'<spatial name="cable_{i}"><site site="exit_{i}"/><site site="anchor_{i}"/></spatial>' for i in m
+    )
+    pulls = "".join(f'<motor tendon="cable_{i}"/>' for i in m)
+    torques = "".join(f'<motor joint="shaft_{i}"/>' for i in m)
+    return f"""
+<mujoco>
+  <option timestep="{time_step!r}" gravity="0 0 -9.81" integrator="Euler"><flag contact="disable"/></option>
+  <compiler autolimits="true" angle="radian"/>
+  <worldbody>{exits}
+    <body name="platform" pos="{_row(home.position)}" quat="{_row((w, x, y, z))}"><freejoint/>
+      <inertial pos="{_row(body.center_of_mass)}" mass="{body.mass!r}" fullinertia="{_row(full)}"/>{anchors}
+      <body name="payload"><inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/></body>
+    </body>{shafts}
+  </worldbody>
+  <tendon>{tendons}</tendon>
+  <actuator>{pulls}{torques}</actuator>
+</mujoco>"""
+
+
+def _row(values: object) -> str:
+    return " ".join(repr(float(value)) for value in values)  # type: ignore[attr-defined]

@@ -1,0 +1,198 @@
+"""The simulated machine as the emulated devices on several buses share it: one lock, one time."""
+
+from __future__ import annotations
+
+import bisect
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+from time import time as system_time
+from typing import Protocol
+
+import numpy as np
+from cspr_kinematics import Payload
+from numpy.typing import NDArray
+
+from cspr_drivers.errors import DriverError
+from cspr_drivers.simulation.simulation_config import PayloadChange
+
+FloatArray = NDArray[np.float64]
+
+# A frame's time stamp further than this from its reception is of another clock (a CAN adapter's own, or a system
+# clock that was set meanwhile): the time of reception counts instead.
+_LARGEST_FRAME_AGE = 1.0
+
+
+class PlantModel(Protocol):
+    """What the devices need of the simulated machine; `cspr_drivers.simulation.plant.Plant` is one.
+
+    Motor quantities are at the motor shaft; positive angle and torque pay the cable out.
+    """
+
+    @property
+    def time(self) -> float:
+        """Time since the machine's start, s."""
+        ...
+
+    @property
+    def payload(self) -> Payload:
+        """What the platform carries now."""
+        ...
+
+    def advance(self, time: float) -> None:
+        """Integrate to a time with the inputs as they are; earlier times do nothing."""
+        ...
+
+    def set_payload(self, payload: Payload) -> None:
+        """Put a payload on the platform in place of what it carries."""
+        ...
+
+    def set_torque(self, index: int, torque: float) -> None:
+        """Set the torque of a motor, N m."""
+        ...
+
+    def set_damping(self, index: int, gain: float) -> None:
+        """Set the velocity feedback of a motor's drive, N m s/rad."""
+        ...
+
+    def set_brake(self, index: int, closed: bool) -> None:
+        """Close or open the brake of a motor."""
+        ...
+
+    def motor_angles(self) -> FloatArray:
+        """Angles, rad. (m,)."""
+        ...
+
+    def motor_speeds(self) -> FloatArray:
+        """Speeds, rad/s. (m,)."""
+        ...
+
+    def motor_torques(self) -> FloatArray:
+        """Torques that the drives apply, N m. (m,)."""
+        ...
+
+    def tensions(self) -> FloatArray:
+        """Tensions of the cables, N. (m,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What encoders, drives and load cells sense at one moment, each as m plain numbers.
+
+    Attributes
+    ----------
+    angles, speeds, torques
+        At the motor shafts, rad, rad/s, N m.
+    tensions
+        True tensions of the cables, N.
+    """
+
+    angles: list[float]
+    speeds: list[float]
+    torques: list[float]
+    tensions: list[float]
+
+
+class SharedPlant:
+    """A plant, its lock, and the relation of its time to the clocks of this computer.
+
+    Whoever calls a method other than `now` and `time_at` holds `lock`.
+
+    Parameters
+    ----------
+    plant
+        The machine. Its time 0 is the moment at which this object is made.
+    payload_changes
+        Payloads that arrive by themselves.
+    steady_clock, system_clock
+        Clocks, s. Frames are stamped with the system clock; the relation of the two is fixed at the start.
+
+    Attributes
+    ----------
+    lock
+        Serialises all access to the plant and to the devices around it.
+    failure
+        The error that ended the simulation, `None` while it runs.
+    """
+
+    def __init__(
+        self,
+        plant: PlantModel,
+        payload_changes: tuple[PayloadChange, ...] = (),
+        steady_clock: Callable[[], float] = monotonic,
+        system_clock: Callable[[], float] = system_time,
+    ) -> None:
+        self.plant = plant
+        self.lock = threading.RLock()
+        self.failure: DriverError | None = None
+        self._steady_clock = steady_clock
+        self._steady_start = steady_clock()
+        self._system_start = system_clock()
+        self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
+        self._time = plant.time
+        self._measurement: Measurement | None = None
+
+    @property
+    def time(self) -> float:
+        """Time to which the plant has been integrated, s."""
+        return self._time
+
+    def now(self) -> float:
+        """Return the present plant time, s."""
+        return self._steady_clock() - self._steady_start
+
+    def from_system_time(self, stamp: float) -> float:
+        """Return the plant time, s, of a moment on the system clock, s since 1970."""
+        return stamp - self._system_start
+
+    def to_system_time(self, time: float) -> float:
+        """Return the moment on the system clock, s since 1970, of a plant time."""
+        return time + self._system_start
+
+    def time_at(self, stamp: float) -> float:
+        """Return the plant time, s, at which a frame with this time stamp was on the bus."""
+        time = stamp - self._system_start
+        now = self._steady_clock() - self._steady_start
+        return time if abs(now - time) <= _LARGEST_FRAME_AGE else now
+
+    def advance(self, time: float) -> None:
+        """Integrate to a time, s; payloads that are due arrive on the way.
+
+        Raises
+        ------
+        DriverError
+            If the plant cannot go on; `failure` keeps it.
+        """
+        if time <= self._time:
+            return
+        if self.failure is not None:
+            raise self.failure
+        try:
+            while self._payload_changes and self._payload_changes[0].time <= time:
+                change = self._payload_changes.pop(0)
+                self.plant.advance(change.time)
+                self.plant.set_payload(change.payload)
+            self.plant.advance(time)
+        except DriverError as error:
+            self.failure = error
+            raise
+        self._time = time
+        self._measurement = None
+
+    def measure(self) -> Measurement:
+        """Return what can be sensed at `time`."""
+        if self._measurement is None:
+            plant = self.plant
+            self._measurement = Measurement(
+                plant.motor_angles().tolist(),
+                plant.motor_speeds().tolist(),
+                plant.motor_torques().tolist(),
+                plant.tensions().tolist(),
+            )
+        return self._measurement
+
+    def change_payload(self, payload: Payload, time: float) -> None:
+        """Let a payload replace the present one at a plant time, s; a time in the past means at once."""
+        bisect.insort(self._payload_changes, PayloadChange(time, payload), key=lambda change: change.time)

@@ -1,0 +1,23 @@
+"""Install cspr_drivers as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "cspr_drivers"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    install_requires=["setuptools", "numpy", "pyyaml", "python-can", "canopen", "cspr_kinematics", "cspr_msgs_py"],
+    zip_safe=True,
+    maintainer="CSPR developers",
+    maintainer_email="developers@cspr-control.org",
+    description="CiA 402 drives and CiA 404 load cells over CAN, and their simulation",
+    license="Apache-2.0",
+    entry_points={"console_scripts": []},
+)

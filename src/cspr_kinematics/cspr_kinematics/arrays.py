@@ -1,0 +1,111 @@
+"""Checked, immutable float arrays: what every public constructor and function does with its input."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InvalidInputError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
+    """Return `value` as a finite float array whose last axes have the given sizes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the quantity, for the error.
+    value : array_like
+        What the caller passed.
+    *last_axes : int
+        Required sizes of the last axes; any number of batch axes may precede them.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not numeric, not finite, or has another shape.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(name, value, f"not an array of numbers ({error})") from error
+    if array.ndim < len(last_axes) or array.shape[array.ndim - len(last_axes) :] != last_axes:
+        wanted = ", ".join(["...", *map(str, last_axes)])
+        raise InvalidInputError(name, value, f"shape {array.shape} where ({wanted}) is needed")
+    if not np.isfinite(array).all():
+        raise InvalidInputError(name, value, "not finite")
+    return array
+
+
+def frozen(array: FloatArray) -> FloatArray:
+    """Copy `array` into memory of its own that cannot be written."""
+    copy = np.array(array)
+    copy.setflags(write=False)
+    return copy
+
+
+def checked_number(name: str, value: float) -> float:
+    """Return `value` as a finite float.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not a finite number.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(name, value, "not a number") from error
+    if not math.isfinite(number):
+        raise InvalidInputError(name, value, "not finite")
+    return number
+
+
+def positive_number(name: str, value: float) -> float:
+    """Return `value` as a finite float above zero.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not finite or not positive.
+    """
+    number = checked_number(name, value)
+    if number <= 0.0:
+        raise InvalidInputError(name, value, "must be positive")
+    return number
+
+
+def non_negative_number(name: str, value: float) -> float:
+    """Return `value` as a finite float of at least zero.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not finite or negative.
+    """
+    number = checked_number(name, value)
+    if number < 0.0:
+        raise InvalidInputError(name, value, "must not be negative")
+    return number
+
+
+def broadcast_batch(**batches: tuple[int, ...]) -> tuple[int, ...]:
+    """Broadcast the batch axes of several named quantities against each other.
+
+    Raises
+    ------
+    InvalidInputError
+        If they do not fit together.
+    """
+    shapes = list(batches.values())
+    if shapes.count(shapes[0]) == len(shapes):
+        return shapes[0]
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError as error:
+        raise InvalidInputError("batch axes", batches, "do not broadcast against each other") from error

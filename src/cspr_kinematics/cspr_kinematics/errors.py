@@ -1,0 +1,84 @@
+"""What can go wrong in the kinematics, each error with the data that explains it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class KinematicsError(Exception):
+    """Root of all errors raised by this package."""
+
+
+class InvalidInputError(KinematicsError, ValueError):
+    """A value that has no physical meaning, is not finite, or has the wrong shape.
+
+    Attributes
+    ----------
+    name : str
+        Name of the quantity.
+    value : object
+        The value as it was given.
+    reason : str
+        What is wrong with it.
+    """
+
+    def __init__(self, name: str, value: object, reason: str) -> None:
+        self.name = name
+        self.value = value
+        self.reason = reason
+        super().__init__(f"{name} = {_shown(value)}: {reason}")
+
+
+class RobotFileError(KinematicsError):
+    """A robot description that cannot be used.
+
+    Attributes
+    ----------
+    source : str
+        The file, or what else the description came from.
+    key : str or None
+        Dotted path of the offending key, None if the description as a whole is at fault.
+    value : object
+        The value found there, None if there is none.
+    reason : str
+        What is wrong, and what is expected.
+    """
+
+    def __init__(self, source: str, key: str | None, value: object, reason: str) -> None:
+        self.source = source
+        self.key = key
+        self.value = value
+        self.reason = reason
+        where = source if key is None else f"{source}: {key}"
+        shown = "" if value is None else f" = {_shown(value)}"
+        super().__init__(f"{where}{shown}: {reason}")
+
+
+class ForwardKinematicsError(KinematicsError):
+    """No pose was found that fits the cable lengths.
+
+    Attributes
+    ----------
+    residual : numpy.ndarray, shape (..., m)
+        Cable lengths of the last iterate minus the given lengths, m.
+    iterations : int
+        Number of iterations made.
+    converged : numpy.ndarray of bool, shape (...)
+        Which members of the batch were solved.
+    """
+
+    def __init__(
+        self, reason: str, residual: NDArray[np.float64], iterations: int, converged: NDArray[np.bool_]
+    ) -> None:
+        self.residual = residual
+        self.iterations = iterations
+        self.converged = converged
+        super().__init__(f"forward kinematics: {reason}")
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return np.array2string(value, precision=6, threshold=32, edgeitems=2, separator=", ")
+    text = repr(value)
+    return text if len(text) <= 200 else text[:197] + "..."

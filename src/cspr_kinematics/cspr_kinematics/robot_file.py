@@ -1,0 +1,133 @@
+"""Reading a robot description: YAML into checked numbers, with file, key and value in every error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from .arrays import FloatArray
+from .errors import InvalidInputError, RobotFileError
+
+
+def read_yaml(path: str | Path) -> object:
+    """Return the content of a YAML file.
+
+    Raises
+    ------
+    RobotFileError
+        If the file is missing, unreadable, or not YAML.
+    """
+    source = str(path)
+    try:
+        with open(path, encoding="utf-8") as stream:
+            content: object = yaml.safe_load(stream)
+    except OSError as error:
+        raise RobotFileError(
+            source,
+            None,
+            None,
+            f"cannot be read ({error.strerror}); give the robot's file with -p robot_config:=PATH",
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise RobotFileError(source, None, None, f"not a YAML file: {error}") from error
+    return content
+
+
+class Section:
+    """One mapping of a robot description, which knows its file and dotted path.
+
+    Parameters
+    ----------
+    source : str
+        The file, for errors.
+    content : object
+        What stands there; must be a mapping with exactly the given keys.
+    keys : tuple of str
+        The keys it must have.
+    path : str
+        Dotted path of the mapping, empty for the whole description.
+
+    Raises
+    ------
+    RobotFileError
+        From the constructor and every method, if what is found is not what is needed.
+    """
+
+    def __init__(self, source: str, content: object, keys: tuple[str, ...], path: str = "") -> None:
+        self.source = source
+        self.path = path
+        if not isinstance(content, Mapping):
+            raise RobotFileError(
+                source, path or None, content, f"must be a mapping with the keys {', '.join(keys)}"
+            )
+        self._content = content
+        for key in content:
+            if key not in keys:
+                raise self.error(str(key), content[key], f"unknown key; known are {', '.join(keys)}")
+        for key in keys:
+            if key not in content:
+                raise self.error(key, None, "missing key")
+
+    def error(self, key: str, value: object, reason: str) -> RobotFileError:
+        """Return the error that names `key` of this section."""
+        return RobotFileError(self.source, f"{self.path}.{key}" if self.path else key, value, reason)
+
+    def section(self, key: str, keys: tuple[str, ...]) -> Section:
+        """Return the mapping under `key`."""
+        return Section(self.source, self._content[key], keys, f"{self.path}.{key}" if self.path else key)
+
+    def text(self, key: str) -> str:
+        """Return the non-empty string under `key`."""
+        value = self._content[key]
+        if not isinstance(value, str) or not value.strip():
+            raise self.error(key, value, "must be a non-empty text")
+        return value
+
+    def number(self, key: str) -> float:
+        """Return the finite number under `key`."""
+        return self._number(key, self._content[key])
+
+    def array(self, key: str, *shape: int | None) -> FloatArray:
+        """Return the array under `key`; None in `shape` stands for any count of at least one."""
+        return np.array(self._array(key, self._content[key], shape), dtype=np.float64)
+
+    @contextmanager
+    def constructing(self) -> Iterator[None]:
+        """Turn an InvalidInputError of a constructor into one that names file and key."""
+        try:
+            yield
+        except InvalidInputError as error:
+            raise self.error(error.name, error.value, error.reason) from error
+
+    def _array(self, key: str, value: object, shape: tuple[int | None, ...]) -> object:
+        if not shape:
+            return self._number(key, value)
+        count, *inner = shape
+        if not isinstance(value, list | tuple | np.ndarray):
+            raise self.error(key, value, "must be a list" if count is None else f"must be a list of {count}")
+        if len(value) == 0 or (count is not None and len(value) != count):
+            needed = "at least one" if count is None else str(count)
+            raise self.error(key, value, f"has {len(value)} elements where {needed} must stand")
+        return [self._array(f"{key}[{i}]", element, tuple(inner)) for i, element in enumerate(value)]
+
+    def _number(self, key: str, value: object) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+            hint = ""
+            if isinstance(value, str) and _reads_as_number(value):
+                hint = "; without quotes, and with a point before an exponent: 1.0e-3"
+            raise self.error(key, value, f"must be a number{hint}")
+        if not np.isfinite(value):
+            raise self.error(key, value, "must be finite")
+        return float(value)
+
+
+def _reads_as_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

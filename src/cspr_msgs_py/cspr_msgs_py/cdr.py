@@ -1,0 +1,119 @@
+"""Constant byte templates of messages in CDR, the wire format of ROS 2.
+
+A message whose names and sequence lengths never change is, on the wire, a constant frame in which only the
+stamp and some blocks of numbers change, always at the same offsets. :class:`Template` lays such a frame out by
+the rules of plain CDR, little-endian (OMG DDSI-RTPS 2.5, section 10, and CORBA 3.3 part 2, section 9.3): four
+bytes of encapsulation header, then each primitive aligned to its own size, counted from behind that header.
+
+Bytes that only fill up to an alignment have no meaning. Encoding writes zeros there; other writers leave stale
+memory, so decoding does not look at them.
+"""
+
+import struct
+from typing import Final
+
+ENCAPSULATION: Final = b"\x00\x01\x00\x00"  # plain CDR, little-endian, no options
+NANOSECONDS: Final = 1_000_000_000
+
+Bytes = bytes | bytearray | memoryview
+
+_STAMP: Final = struct.Struct("<iI")
+
+
+def pack_time(nanoseconds: int) -> bytes:
+    """Return a ``builtin_interfaces`` Time or Duration.
+
+    Raises
+    ------
+    ValueError
+        If the seconds do not fit the 32 bits that the message has for them.
+    """
+    seconds, rest = divmod(nanoseconds, NANOSECONDS)
+    try:
+        return _STAMP.pack(seconds, rest)
+    except struct.error:
+        raise ValueError(f"{nanoseconds} ns does not fit a message: its seconds have 32 bits") from None
+
+
+def unpack_time(buffer: Bytes, offset: int) -> int:
+    """Return the nanoseconds of the Time or Duration at `offset` of `buffer`."""
+    seconds, rest = _STAMP.unpack_from(buffer, offset)
+    return int(seconds) * NANOSECONDS + int(rest)
+
+
+class Template:
+    """A frame under construction: constants, blocks of numbers, and the alignment between them."""
+
+    def __init__(self) -> None:
+        self._pieces = [bytearray()]  # constants with their padding; between two pieces lies a block
+        self._constants: list[bytes] = []
+        self._check = "<"
+        self._size = 0
+        self._append(ENCAPSULATION)
+
+    def _align(self, alignment: int) -> None:
+        padding = -(self._size - len(ENCAPSULATION)) % alignment
+        if padding:
+            self._pieces[-1] += bytes(padding)
+            self._check += f"{padding}x"
+            self._size += padding
+
+    def _append(self, data: bytes) -> None:
+        self._pieces[-1] += data
+        self._constants.append(data)
+        self._check += f"{len(data)}s"
+        self._size += len(data)
+
+    def count(self, number: int) -> None:
+        """Append a constant unsigned integer of 32 bits: the length of a sequence."""
+        self._align(4)
+        self._append(struct.pack("<I", number))
+
+    def string(self, text: str) -> None:
+        """Append a constant string: its length with the final zero, its bytes, the zero."""
+        data = text.encode() + b"\x00"
+        self.count(len(data))
+        self._append(data)
+
+    def time(self) -> int:
+        """Append the place of a Time or Duration; return its offset."""
+        return self._block(8, alignment=4)
+
+    def doubles(self, count: int) -> int:
+        """Append the place of `count` doubles; return the offset of the first."""
+        return self._block(8 * count, alignment=8)
+
+    def _block(self, size: int, alignment: int) -> int:
+        self._align(alignment)
+        offset = self._size
+        self._pieces.append(bytearray())
+        self._check += f"{size}x"
+        self._size += size
+        return offset
+
+    def finish(self) -> "Frame":
+        """Return the finished frame."""
+        return Frame(tuple(bytes(piece) for piece in self._pieces), self._check, tuple(self._constants))
+
+
+class Frame:
+    """A finished template: joins blocks of numbers into a message and recognises its own messages."""
+
+    __slots__ = ("_check", "_constants", "_pieces", "size")
+
+    def __init__(self, pieces: tuple[bytes, ...], check: str, constants: tuple[bytes, ...]) -> None:
+        self._pieces = pieces
+        self._check = struct.Struct(check)
+        self._constants = constants
+        self.size = self._check.size
+
+    def encode(self, *blocks: bytes) -> bytes:
+        """Return the message with these blocks of numbers, in the order in which they were announced."""
+        parts = list(self._pieces)
+        for index, block in enumerate(blocks):
+            parts[index] += block
+        return b"".join(parts)
+
+    def matches(self, buffer: Bytes) -> bool:
+        """Return whether `buffer` has the length and the constants of this frame."""
+        return len(buffer) == self.size and self._check.unpack(buffer) == self._constants

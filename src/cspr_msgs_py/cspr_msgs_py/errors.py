@@ -1,0 +1,17 @@
+"""Exceptions of this package."""
+
+
+class MessagesError(Exception):
+    """Root of the errors that this package raises."""
+
+
+class MessageError(MessagesError):
+    """A message does not hold what its topic promises."""
+
+
+class BagError(MessagesError):
+    """A bag cannot be written or read."""
+
+
+class StartError(MessagesError):
+    """A node cannot start; the text says what to change."""

@@ -1,0 +1,84 @@
+"""Message classes by name, and the definition text (``ros2msg``) that a bag carries for its readers.
+
+The text is rebuilt from the Python classes of the message packages, because these are there wherever rclpy is,
+while the ``.msg`` files are not part of every installation. Constants, comments and default values, which do
+not concern the bytes of a message, are left out.
+"""
+
+import importlib
+import re
+from typing import Any
+
+from cspr_msgs_py.errors import MessageError
+
+_SEPARATOR = "=" * 80
+
+# Names of the Python classes' field types that the definition language spells otherwise.
+_SPELLING = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
+_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "wchar"} | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+
+
+def message_class(type_name: str) -> Any:
+    """Return the class of a message type written as ``package/msg/Name``.
+
+    Raises
+    ------
+    MessageError
+        If the name has another form, or its package is not installed.
+    """
+    match = re.fullmatch(r"(\w+)/msg/(\w+)", type_name)
+    if match is None:
+        raise MessageError(
+            f"{type_name!r} is not the name of a message type such as sensor_msgs/msg/JointState"
+        )
+    package, name = match.groups()
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise MessageError(
+            f"message type {type_name} is not installed ({error}); install the ROS package {package}"
+        ) from error
+
+
+def message_definition(type_name: str) -> str:
+    """Return the definition of a message with those of all the messages inside it.
+
+    The form is that of rosbag2: the definition itself, then for each nested type a line of 80 equal signs, a line
+    ``MSG: package/Name`` and its definition.
+    """
+    pending = [type_name]
+    seen = {type_name}
+    sections: list[str] = []
+    while pending:
+        current = pending.pop(0)
+        lines = []
+        for field, kind in message_class(current).get_fields_and_field_types().items():
+            text, nested = _field_type(kind)
+            lines.append(f"{text} {field}\n")
+            if nested is not None and nested not in seen:
+                seen.add(nested)
+                pending.append(nested)
+        package, _, name = current.split("/")
+        header = f"{_SEPARATOR}\nMSG: {package}/{name}\n" if sections else ""
+        sections.append(header + "".join(lines))
+    return "".join(sections)
+
+
+def _field_type(kind: str) -> tuple[str, str | None]:
+    """Return a field's type in the definition language, and the message type that it brings in."""
+    if match := re.fullmatch(r"sequence<(.+?)(?:, (\d+))?>", kind):
+        element, bound = match.groups()
+        text, nested = _field_type(element)
+        return f"{text}[<={bound}]" if bound else f"{text}[]", nested
+    if match := re.fullmatch(r"(.+)\[(\d+)\]", kind):
+        text, nested = _field_type(match[1])
+        return f"{text}[{match[2]}]", nested
+    if match := re.fullmatch(r"(w?string)<(\d+)>", kind):
+        return f"{match[1]}<={match[2]}", None
+    text = _SPELLING.get(kind, kind)
+    if text in _PRIMITIVES or text in ("string", "wstring"):
+        return text, None
+    package, name = kind.split("/")
+    return kind, f"{package}/msg/{name}"

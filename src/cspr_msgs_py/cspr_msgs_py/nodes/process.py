@@ -1,0 +1,324 @@
+"""What every node process does the same way: start, parameters, topics, diagnostics, shutdown."""
+
+import gc
+import math
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, Final
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from rclpy.timer import Timer
+from rclpy.utilities import remove_ros_args
+
+from cspr_msgs_py.conversions import diagnostic_array
+from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.message_definitions import message_class
+from cspr_msgs_py.nodes.realtime import set_realtime_priority
+from cspr_msgs_py.qos import qos_profile
+from cspr_msgs_py.topics import DIAGNOSTICS, Topic
+
+LEAN_NODE: Final = {"enable_rosout": False, "start_parameter_services": False}
+"""Keyword arguments of :class:`rclpy.node.Node` for nodes of which a process or a graph has many."""
+
+_COLLECTION_PERIOD = 10.0  # s between garbage collections; also the longest time_out the executor is given
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def run_nodes(factory: Callable[[], Sequence[Node]], args: Sequence[str] | None = None) -> int:
+    """Run the nodes that `factory` creates until SIGINT or SIGTERM, and return the exit status.
+
+    On either signal, and when a callback raises, each node's ``make_safe()`` is called if it has one; the
+    node can still publish and call services then. An error that ends the process is one line on stderr that
+    names the node; errors that are defects of the program come with their traceback.
+
+    Parameters
+    ----------
+    factory : callable
+        Creates the nodes; called when rclpy is initialised.
+    args : sequence of str, optional
+        Command line with the program's name first; that of the process by default.
+
+    Returns
+    -------
+    int
+        0 after SIGINT or SIGTERM, 1 after an error, 2 for arguments that nobody takes.
+    """
+    arguments = list(sys.argv if args is None else args)
+    program = os.path.basename(arguments[0]) if arguments else "node"
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rcl reports arguments and parameter files with its own kinds of error
+        return _report(program, error)
+    try:
+        if unknown := remove_ros_args(arguments)[1:]:
+            print(
+                f"{program}: unknown arguments: {' '.join(unknown)}; parameters follow --ros-args",
+                file=sys.stderr,
+            )
+            return 2
+        return _run(factory, program)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _run(factory: Callable[[], Sequence[Node]], program: str) -> int:
+    nodes: list[Node] = []
+    status = 0
+    with _stop_on_signal() as stop:
+        try:
+            nodes += factory()
+            stop.armed = True
+            _set_priority(nodes)
+            _spin(nodes, stop.future)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        except Exception as error:
+            status = _report(_node_of(error) or program, error)
+        for node in nodes:
+            status = max(status, _make_safe(node))
+        for node in nodes:
+            node.destroy_node()
+    return status
+
+
+class _Stop:
+    """The request to stop, as the future that ends the executor's spinning."""
+
+    def __init__(self) -> None:
+        self.future = Future()
+        self.armed = (
+            False  # whether the executor listens to the future; before, a signal interrupts the start
+        )
+
+    def request(self) -> None:
+        if not self.future.done():
+            self.future.set_result(None)
+
+    def on_signal(self, number: int, frame: object) -> None:
+        if self.armed:
+            self.request()
+        else:
+            self.armed = True
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[_Stop]:
+    """Turn SIGINT and SIGTERM into a finished future while the block runs.
+
+    rclpy's own handlers would invalidate the context at once, before a node could make its robot safe. Python's
+    run only when the main thread executes Python code, which it does not while the executor waits: so the
+    interpreter's wake-up descriptor tells a thread, and the thread tells the executor.
+    """
+    stop = _Stop()
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+
+    def wait() -> None:
+        while os.read(reading, 1) != b"":
+            if stop.armed:
+                stop.request()
+
+    watcher = threading.Thread(target=wait, name="signals", daemon=True)
+    watcher.start()
+    previous_descriptor = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    previous = {number: signal.signal(number, stop.on_signal) for number in _STOP_SIGNALS}
+    try:
+        yield stop
+    finally:
+        signal.set_wakeup_fd(previous_descriptor)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        os.close(writing)
+        watcher.join()
+        os.close(reading)
+
+
+def _spin(nodes: Sequence[Node], stop: Future) -> None:
+    executor = EventsExecutor()
+    try:
+        for node in nodes:
+            executor.add_node(node)
+        # What exists now stays until the end; the cycle collector need not walk it again, and it runs when we say.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        for node in nodes:
+            node.get_logger().info(f"{node.get_name()} ready")
+        while not stop.done() and rclpy.ok():
+            # Without a time-out EventsExecutor's wait can overflow and spin at full load without any callback.
+            executor.spin_until_future_complete(stop, timeout_sec=_COLLECTION_PERIOD)
+            gc.collect()
+    finally:
+        gc.enable()
+        gc.unfreeze()
+        for node in nodes:
+            executor.remove_node(node)
+        executor.shutdown()
+
+
+def _set_priority(nodes: Sequence[Node]) -> None:
+    description = "SCHED_FIFO priority of the process, 0 for normal scheduling"
+    priority = 0
+    for node in nodes:
+        wanted = declare(node, "realtime_priority", 0, description, minimum=0, maximum=99, read_only=True)
+        priority = max(priority, wanted)
+    if priority > 0:
+        refusal = set_realtime_priority(priority)
+        if refusal is not None:
+            nodes[0].get_logger().warning(refusal)
+
+
+def _make_safe(node: Node) -> int:
+    make_safe = getattr(node, "make_safe", None)
+    if make_safe is None:
+        return 0
+    try:
+        make_safe()
+    except Exception as error:  # the other nodes must be made safe whatever happens to this one
+        return _report(node.get_name(), error)
+    return 0
+
+
+def _report(name: str, error: Exception) -> int:
+    """Write the line that says what ended the process; return the exit status."""
+    kind = type(error)
+    deliberate = kind.__module__ != "builtins" or isinstance(error, OSError)
+    if not deliberate:
+        traceback.print_exception(error)
+    text = " ".join(str(error).split()) or kind.__name__
+    print(f"{name}: {text if deliberate else f'{kind.__name__}: {text}'}", file=sys.stderr, flush=True)
+    return 1
+
+
+def _node_of(error: Exception) -> str | None:
+    """Return the name of the node that was at work when `error` was raised."""
+    name = None
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        for owner in (frame.f_locals.get("self"), frame.f_locals.get("node")):
+            if isinstance(owner, Node):
+                with suppress(Exception):  # a node that could not be created has no name yet
+                    name = owner.get_name()
+    return name
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    unit: str = "",
+    read_only: bool = False,
+) -> Any:
+    """Declare a parameter and return its value.
+
+    Parameters
+    ----------
+    node, name, default
+        The default also sets the type: bool, int, float, str or a list of one of these.
+    description, unit : str
+        Shown by ``ros2 param describe``.
+    minimum, maximum : float, optional
+        Inclusive range of an int or a float; checked whenever the parameter is set.
+    read_only : bool
+        Whether it keeps its first value while the node runs.
+
+    Raises
+    ------
+    StartError
+        If the value given on the command line or in a parameter file has another type, lies outside the range
+        or is not finite.
+    """
+    descriptor = ParameterDescriptor(
+        description=f"{description} [{unit}]" if unit else description, read_only=read_only
+    )
+    if minimum is not None or maximum is not None:
+        if isinstance(default, float):
+            low, high = (
+                (-math.inf if minimum is None else minimum),
+                (math.inf if maximum is None else maximum),
+            )
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high))
+            ]
+        else:
+            low, high = (
+                (-(2**63) if minimum is None else minimum),
+                (2**63 - 1 if maximum is None else maximum),
+            )
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    try:
+        value = node.declare_parameter(name, default, descriptor).value
+    except ParameterException as error:
+        integer_for_double = isinstance(default, float) and "'INTEGER'" in str(error)
+        hint = "; a double is written with a decimal point: 5.0" if integer_for_double else ""
+        raise StartError(f"parameter {name}: {error}{hint}") from error
+    numbers = [value] if isinstance(value, bool | int | float | str) else value
+    if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
+        raise StartError(f"parameter {name}: {value} is not a finite number")
+    return value
+
+
+def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
+    """Subscribe to `topic`; the callback receives message objects."""
+    return node.create_subscription(message_class(topic.type), topic.name, callback, qos_profile(topic))
+
+
+def subscribe_raw(node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Subscription:
+    """Subscribe to `topic`; the callback receives each message as CDR bytes."""
+    return node.create_subscription(
+        message_class(topic.type), topic.name, callback, qos_profile(topic), raw=True
+    )
+
+
+def advertise(node: Node, topic: Topic) -> Publisher:
+    """Create the publisher of `topic`; its ``publish`` takes message objects and CDR bytes alike."""
+    return node.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
+
+
+advertise_raw = advertise  # the name that says that bytes are published
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Create a timer of `period` seconds on the monotonic clock, which nobody can set."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+class Diagnostics:
+    """Publishes a node's health on ``/diagnostics`` once a second.
+
+    Parameters
+    ----------
+    node : Node
+    callback : callable
+        Returns the statuses to publish, see :func:`cspr_msgs_py.conversions.diagnostic_status`.
+    """
+
+    def __init__(self, node: Node, callback: Callable[[], Iterable[DiagnosticStatus]]) -> None:
+        self._callback = callback
+        self._publisher = advertise(node, DIAGNOSTICS)
+        self._timer = steady_timer(node, 1.0, self.publish)
+
+    def publish(self) -> None:
+        """Publish now, besides the regular time."""
+        self._publisher.publish(diagnostic_array(time.time_ns(), self._callback()))

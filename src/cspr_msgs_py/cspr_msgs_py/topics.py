@@ -1,0 +1,216 @@
+"""Every topic of the node graph: name, type, quality of service, rate and writer.
+
+This table is the only place where these are written down. Nodes, the recorder and the analysis all take
+them from here. Names and numbers only: nothing of ROS is imported, see :mod:`cspr_msgs_py.qos` for that.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+BASE_FRAME = "base"
+PLATFORM_FRAME = "platform"
+
+
+class Reliability(Enum):
+    """Whether the middleware repeats what was lost on the way."""
+
+    RELIABLE = "reliable"
+    BEST_EFFORT = "best_effort"
+
+
+class Durability(Enum):
+    """Whether a subscriber that joins late is given the last message (a latched topic)."""
+
+    VOLATILE = "volatile"
+    TRANSIENT_LOCAL = "transient_local"
+
+
+class Rate(Enum):
+    """How often a topic is published, where that is not a fixed number of hertz."""
+
+    CONTROL = "once a control cycle"
+    BUS = "once a SYNC of the CAN bus"
+    ON_CHANGE = "on change"
+    ON_REQUEST = "on request"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of the graph.
+
+    Attributes
+    ----------
+    name : str
+        Absolute name.
+    type : str
+        Message type as ``package/msg/Name``.
+    reliability, durability, depth
+        Quality of service of publisher and subscribers; the history keeps the last `depth` messages.
+    rate : Rate or float
+        A :class:`Rate`, or hertz.
+    writer : str
+        Name of the node that publishes it; ``*`` where every node does.
+    content : str
+        What a message holds, with units.
+    """
+
+    name: str
+    type: str
+    reliability: Reliability
+    durability: Durability
+    depth: int
+    rate: Rate | float
+    writer: str
+    content: str
+
+    @property
+    def latched(self) -> bool:
+        """Whether a late subscriber receives the last message."""
+        return self.durability is Durability.TRANSIENT_LOCAL
+
+
+MULTI_DOF_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
+DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
+DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
+    """Return a topic of samples: the next one replaces a lost one, so nothing is ever repeated."""
+    return Topic(name, type, Reliability.BEST_EFFORT, Durability.VOLATILE, 5, rate, writer, content)
+
+
+def _latched(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
+    """Return a topic of states: everyone has the present one, whenever they joined."""
+    return Topic(name, type, Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, 1, rate, writer, content)
+
+
+def _reliable(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
+    """Return a topic of events: none may be lost, old ones are of no use to late subscribers."""
+    return Topic(name, type, Reliability.RELIABLE, Durability.VOLATILE, 10, rate, writer, content)
+
+
+REFERENCE = _stream(
+    "/reference",
+    MULTI_DOF_TRAJECTORY,
+    Rate.CONTROL,
+    "trajectory_publisher",
+    "pose (m), twist (m/s, rad/s) and acceleration (m/s^2, rad/s^2) of the platform in base, one point",
+)
+SETPOINT = _stream(
+    "/setpoint",
+    JOINT_STATE,
+    Rate.CONTROL,
+    "feedforward",
+    "per motor: angle (rad), speed (rad/s), feed-forward torque (N m), at the motor shaft",
+)
+MOTOR_STATES = _stream(
+    "/motor_states",
+    JOINT_STATE,
+    Rate.BUS,
+    "can_drives",
+    "per motor: angle (rad), speed (rad/s), torque (N m), at the motor shaft",
+)
+CABLE_TENSIONS = _stream(
+    "/cable_tensions",
+    JOINT_STATE,
+    Rate.BUS,
+    "load_cells",
+    "per cable: effort = tension (N), positive when it pulls",
+)
+PLATFORM_POSE = _stream(
+    "/platform_pose",
+    POSE_STAMPED,
+    50.0,
+    "pose_estimator",
+    "pose of the platform in base by forward kinematics of the motor angles",
+)
+PAYLOAD = _stream(
+    "/payload",
+    INERTIA_STAMPED,
+    50.0,
+    "mass_estimator",
+    "estimated mass (kg) and centre of mass (m, in platform) of the payload",
+)
+ROBOT_STATE = _latched(
+    "/robot_state",
+    DIAGNOSTIC_STATUS,
+    Rate.ON_CHANGE,
+    "supervisor",
+    "message = state of the robot: disabled, enabling, enabled, stopping, fault; values: its cause",
+)
+TRAJECTORY_STATE = _latched(
+    "/trajectory_state",
+    DIAGNOSTIC_STATUS,
+    Rate.ON_CHANGE,
+    "trajectory_publisher",
+    "message = phase: idle, hold, approach, running, stopping, finished; values: trajectory, start_time, "
+    "end_time (ROS time, ns)",
+)
+DRIVE_STATES = _latched(
+    "/drive_states",
+    DIAGNOSTIC_ARRAY,
+    Rate.ON_CHANGE,
+    "can_drives",
+    "also once a second: first the driver as a whole, then one status a motor: message = CiA 402 state; "
+    "values: brake, error_code, statusword",
+)
+DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
+SIMULATED_PAYLOAD = _stream(
+    "/simulation/payload",
+    INERTIA_STAMPED,
+    50.0,
+    "simulated_robot",
+    "true mass (kg) and centre of mass (m, in platform) of the simulated payload",
+)
+SET_SIMULATED_PAYLOAD = _reliable(
+    "/simulation/set_payload",
+    INERTIA_STAMPED,
+    Rate.ON_REQUEST,
+    "demo",
+    "payload that the simulated robot carries from header.stamp on (0 = now)",
+)
+
+
+def motor_command(k: int) -> Topic:
+    """Return the topic on which motor `k` (counted from 1) is told its torque."""
+    if k < 1:
+        raise ValueError(f"motors are counted from 1, not {k}")
+    return _stream(
+        f"/motor_{k}/command",
+        JOINT_STATE,
+        Rate.BUS,
+        f"motor_controller_{k}",
+        f"effort = torque (N m) demanded of motor {k}, at the motor shaft",
+    )
+
+
+def motor_names(number_of_motors: int) -> tuple[str, ...]:
+    """Return the names that stand for the motors in messages: ``motor_1`` and so on."""
+    return tuple(f"motor_{k}" for k in range(1, number_of_motors + 1))
+
+
+def cable_names(number_of_cables: int) -> tuple[str, ...]:
+    """Return the names that stand for the cables in messages: ``cable_1`` and so on."""
+    return tuple(f"cable_{k}" for k in range(1, number_of_cables + 1))
+
+
+def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
+    """Return every topic of a robot with this number of motors, in the order in which data flow."""
+    return (
+        REFERENCE,
+        SETPOINT,
+        MOTOR_STATES,
+        *(motor_command(k) for k in range(1, number_of_motors + 1)),
+        CABLE_TENSIONS,
+        PLATFORM_POSE,
+        PAYLOAD,
+        ROBOT_STATE,
+        TRAJECTORY_STATE,
+        DRIVE_STATES,
+        DIAGNOSTICS,
+        SIMULATED_PAYLOAD,
+        SET_SIMULATED_PAYLOAD,
+    )
