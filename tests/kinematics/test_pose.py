@@ -91,3 +91,15 @@ def test_arrays_are_copies_that_cannot_be_written() -> None:
     for array in (pose.position, pose.rotation, Twist.zero().linear):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+def test_an_error_is_one_line() -> None:
+    with pytest.raises(InvalidInputError) as caught:
+        Pose(ORIGIN, np.diag([1.0, 1.0, -1.0]))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_read_only_quaternion_will_do() -> None:
+    quaternion = np.array([0.0, 0.0, 0.0, 1.0])
+    quaternion.setflags(write=False)
+    np.testing.assert_array_equal(Pose.from_quaternion(ORIGIN, quaternion).rotation, np.eye(3))

@@ -79,6 +79,9 @@ class ForwardKinematicsError(KinematicsError):
 
 def _shown(value: object) -> str:
     if isinstance(value, np.ndarray):
-        return np.array2string(value, precision=6, threshold=32, edgeitems=2, separator=", ")
+        # One line, so that a node can report the error in one.
+        return " ".join(
+            np.array2string(value, precision=6, threshold=32, edgeitems=2, separator=", ").split()
+        )
     text = repr(value)
     return text if len(text) <= 200 else text[:197] + "..."

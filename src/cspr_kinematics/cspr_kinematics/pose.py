@@ -94,26 +94,30 @@ class Pose:
         norm = np.sqrt(np.einsum("...i,...i->...", quaternion, quaternion))
         if np.any(np.abs(norm - 1.0) > 1e-3):
             raise InvalidInputError("quaternion_xyzw", quaternion, "not a unit quaternion")
-        matrices = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
+        matrices = Rotation.from_quat(np.array(quaternion).reshape(-1, 4)).as_matrix()
         return cls(position, matrices.reshape(*quaternion.shape[:-1], 3, 3))
 
     @property
     def quaternion(self) -> FloatArray:
         """Rotation as unit quaternion (..., 4) in the order x, y, z, w, with w >= 0."""
-        quaternion = Rotation.from_matrix(self.rotation.reshape(-1, 3, 3)).as_quat()
+        quaternion = self._as_scipy().as_quat()
         quaternion = np.where(quaternion[:, 3:] < 0.0, -quaternion, quaternion)
         return np.asarray(quaternion.reshape(*self.batch_shape, 4))
 
     @property
     def euler(self) -> FloatArray:
         """Angles alpha, beta, gamma of eq. 4, shape (..., 3), rad; beta in [-pi/2, pi/2]."""
-        angles = Rotation.from_matrix(self.rotation.reshape(-1, 3, 3)).as_euler("ZYX")
+        angles = self._as_scipy().as_euler("ZYX")
         return np.asarray(angles.reshape(*self.batch_shape, 3))
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes; () for a single pose."""
         return self.position.shape[:-1]
+
+    def _as_scipy(self) -> Rotation:
+        # Copied, with one batch axis: older releases of scipy take neither read-only arrays nor more axes.
+        return Rotation.from_matrix(np.array(self.rotation).reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,22 @@
+"""Run the benchmarks: `make bench`, or one of them with `make bench ARGS=kinematics`."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+
+BENCHMARKS = {
+    "kinematics": "the mathematics of the control cycle",
+    "messages": "encoding and decoding of a hot message",
+    "filter_limit": "the quickest filter of the mass estimate (about a minute)",
+}
+
+parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
+parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all by default")
+chosen = parser.parse_args().names or list(BENCHMARKS)
+for name in chosen:
+    if name not in BENCHMARKS:
+        parser.error(f"there is no benchmark {name!r}; there are {', '.join(BENCHMARKS)}")
+for name in chosen:
+    print(f"\n{name}: {BENCHMARKS[name]}")
+    import_module(f"benchmarks.{name}").main()

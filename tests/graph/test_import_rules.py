@@ -1,0 +1,71 @@
+"""Who may import what: the layers of the four packages, and the places where ROS and CAN may appear."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[2] / "src"
+PACKAGES = ("cspr_kinematics", "cspr_msgs_py", "cspr_control", "cspr_drivers")
+SIBLINGS = {
+    "cspr_kinematics": set(),
+    "cspr_msgs_py": set(),
+    "cspr_control": {"cspr_kinematics", "cspr_msgs_py"},
+    "cspr_drivers": {"cspr_msgs_py"},  # and cspr_kinematics under simulation/
+}
+ROS = {"rclpy", "builtin_interfaces", "std_srvs", "rcl_interfaces", "ament_index_python", "rosidl_parser"}
+CONVERSION_MODULES = {
+    "conversions.py",
+    "joint_state_conversion.py",
+    "message_definitions.py",
+    "qos.py",
+    "reference_conversion.py",
+}
+FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc"}
+
+MODULES = sorted(path for package in PACKAGES for path in (SOURCE / package / package).rglob("*.py"))
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Top-level names of everything that a module imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module.split(".")[0]
+
+
+def is_ros(name: str) -> bool:
+    return name in ROS or name.endswith("_msgs")
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(SOURCE)))
+def test_imports(path: Path) -> None:
+    relative = path.relative_to(SOURCE)
+    package, inside = relative.parts[0], relative.parts[2:]
+    names = set(imported(path)) - {package}
+    allowed = set(SIBLINGS[package])
+    if package == "cspr_drivers" and (inside[0] == "simulation" or inside == ("nodes", "simulated_robot.py")):
+        allowed.add("cspr_kinematics")
+    assert not (names & set(PACKAGES)) - allowed, "imports a package of another layer"
+    if inside[0] != "nodes" and not (package == "cspr_msgs_py" and inside[0] in CONVERSION_MODULES):
+        assert not {name for name in names if is_ros(name)}, "ROS belongs in nodes/ and the conversion modules"
+    if package != "cspr_drivers":
+        assert not names & {"can", "canopen"}, "CAN belongs in cspr_drivers"
+    if inside[0] != "simulation":
+        assert "mujoco" not in names, "MuJoCo is needed for the simulation alone"
+    assert not FORBIDDEN_NAMES & {part.removesuffix(".py") for part in inside}
+
+
+def test_there_is_something_to_check() -> None:
+    assert len(MODULES) > 40
+    assert {path.relative_to(SOURCE).parts[0] for path in MODULES} == set(PACKAGES)
+
+
+def test_rules_catch_an_offender(tmp_path: Path) -> None:
+    offender = tmp_path / "offender.py"
+    offender.write_text("def late():\n    from sensor_msgs.msg import JointState\n    return JointState\n", encoding="utf-8")
+    assert {name for name in imported(offender) if is_ros(name)} == {"sensor_msgs"}
