@@ -11,8 +11,6 @@ READY := $(VENV)/.ready
 
 # Nothing leaves this machine, and no robot in the same network hears it.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-ROS_DOMAIN_ID ?= 88
-export ROS_DOMAIN_ID
 unexport PYTHONPATH
 
 .PHONY: help demo test lint bench build clean

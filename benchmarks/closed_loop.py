@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +31,8 @@ class LoopSettings:
     model: FeedforwardModel = FeedforwardModel.DYNAMIC
     payload_source: PayloadSource = PayloadSource.ESTIMATED
     exact_mass: bool = False
-    gains: MotorGains = MotorGains()
-    estimator: EstimatorSettings = EstimatorSettings()
+    gains: MotorGains = field(default_factory=MotorGains)
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     trajectory: TrajectoryName = TrajectoryName.PAPER_19
     payload: float = 100.0
     added: float = 100.0
@@ -75,7 +75,9 @@ def run(settings: LoopSettings) -> LoopRecord:
     feedforward = Feedforward(robot, FeedforwardSettings(settings.model, settings.payload_source))
     controllers = [MotorController(robot.motor, settings.gains) for _ in range(m)]
     pose_estimator, payload_estimator = PoseEstimator(robot), PayloadEstimator(robot, settings.estimator)
-    trajectory = make_trajectory(settings.trajectory, robot, robot.home, TrajectoryOptions(limits, robot.home))
+    trajectory = make_trajectory(
+        settings.trajectory, robot, robot.home, TrajectoryOptions(limits, robot.home)
+    )
 
     def advance_to_setpoint(time: float) -> None:
         reference = player.sample(round(time * 1e9))
@@ -105,14 +107,20 @@ def run(settings: LoopSettings) -> LoopRecord:
         previous, angles = angles, plant.motor_angles()
         speeds = (angles - previous) / settings.period
         cells = config.load_cells
-        measured = plant.tensions() * (1 + cells.gain_error) + cells.offset + cells.noise_std * noise.standard_normal(m)
+        measured = (
+            plant.tensions() * (1 + cells.gain_error)
+            + cells.offset
+            + cells.noise_std * noise.standard_normal(m)
+        )
         payload_estimator.observe_tensions(time, stamp, measured)
         if cycle % settings.estimator_cycles == 0:
             payload_estimator.observe_pose(time, stamp, pose_estimator.estimate(angles))
             published = payload_estimator.update(time).published
             estimate = plant.payload if settings.exact_mass else published
             feedforward.set_estimate(time, estimate.mass, estimate.center_of_mass)
-        torque = np.array([c.command(time, stamp, a, s) for c, a, s in zip(controllers, angles, speeds, strict=True)])
+        torque = np.array(
+            [c.command(time, stamp, a, s) for c, a, s in zip(controllers, angles, speeds, strict=True)]
+        )
         reference = player.sample(stamp)
         assert isinstance(reference, ReferencePoint)
         error = np.array([c._angle for c in controllers]) - angles

@@ -60,7 +60,10 @@ def main() -> None:
         ("inverse kinematics, wrench matrix", base),
         ("required wrench", microseconds(lambda: required_wrench(robot, *single), 2000)),
         ("whole feed-forward: with minimum-norm tensions", microseconds(lambda: feedforward(single), 1000)),
-        (f"whole feed-forward in a batch of {BATCH}, per pose", microseconds(lambda: feedforward(batch), 3) / BATCH),
+        (
+            f"whole feed-forward in a batch of {BATCH}, per pose",
+            microseconds(lambda: feedforward(batch), 3) / BATCH,
+        ),
         (
             "forward kinematics from a guess 1 cm away",
             microseconds(

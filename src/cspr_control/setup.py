@@ -3,6 +3,16 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_control"
+EXECUTABLES = (
+    "trajectory_publisher",
+    "feedforward",
+    "motor_controller",
+    "pose_estimator",
+    "mass_estimator",
+    "supervisor",
+    "control",
+    "demo",
+)
 
 setup(
     name=PACKAGE,
@@ -13,11 +23,13 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "cspr_kinematics", "cspr_msgs_py"],
+    install_requires=["setuptools", "numpy", "scipy", "cspr_kinematics", "cspr_msgs_py"],
     zip_safe=True,
     maintainer="CSPR developers",
     maintainer_email="developers@cspr-control.org",
     description="Trajectories, feed-forward, motor control, payload estimation and supervision",
     license="Apache-2.0",
-    entry_points={"console_scripts": []},
+    entry_points={
+        "console_scripts": [f"{name} = {PACKAGE}.nodes.{name}:main" for name in EXECUTABLES],
+    },
 )

@@ -13,11 +13,25 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "pyyaml", "python-can", "canopen", "cspr_kinematics", "cspr_msgs_py"],
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "pyyaml",
+        "python-can",
+        "canopen",
+        "cspr_kinematics",
+        "cspr_msgs_py",
+    ],
+    extras_require={"simulation": ["mujoco"]},
     zip_safe=True,
     maintainer="CSPR developers",
     maintainer_email="developers@cspr-control.org",
     description="CiA 402 drives and CiA 404 load cells over CAN, and their simulation",
     license="Apache-2.0",
-    entry_points={"console_scripts": []},
+    entry_points={
+        "console_scripts": [
+            f"{name} = {PACKAGE}.nodes.{name}:main"
+            for name in ("can_drives", "load_cells", "drivers", "simulated_robot")
+        ]
+    },
 )

@@ -13,11 +13,11 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "mcap"],
+    install_requires=["setuptools", "numpy", "pyyaml", "mcap>=1.5"],
     zip_safe=True,
     maintainer="CSPR developers",
     maintainer_email="developers@cspr-control.org",
     description="Topics, message conversion and MCAP bags of the cable robot",
     license="Apache-2.0",
-    entry_points={"console_scripts": []},
+    entry_points={"console_scripts": ["recorder = cspr_msgs_py.nodes.recorder:main"]},
 )

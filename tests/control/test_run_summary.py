@@ -49,7 +49,9 @@ def test_setpoints_are_carried_to_the_time_of_the_state() -> None:
     states = np.arange(100) * PERIOD
     jitter = np.random.default_rng(3).integers(-300_000, 300_000, 100)
     stamps, error = position_errors(
-        ramp(states + jitter, 100.0), ramp(states, 100.0, offset=0.25), (10 * PERIOD - 10**6, 50 * PERIOD + 10**6)
+        ramp(states + jitter, 100.0),
+        ramp(states, 100.0, offset=0.25),
+        (10 * PERIOD - 10**6, 50 * PERIOD + 10**6),
     )
     assert stamps.size == 41
     np.testing.assert_allclose(error, 0.25, atol=1e-9)
@@ -81,7 +83,9 @@ def test_settling_time_counts_from_the_last_change_and_for_good() -> None:
     lag = 200.0 - 100.0 * np.exp(-np.maximum(time - 3.0, 0.0) / 0.4)
     estimate = np.where(time < 3.0, 100.0, lag)
     # 100 exp(-t / 0.4) = 4 kg: t = 0.4 ln 25
-    assert settling_time(mass(time, estimate), mass(time, truth)) == pytest.approx(0.4 * np.log(25.0), abs=0.021)
+    assert settling_time(mass(time, estimate), mass(time, truth)) == pytest.approx(
+        0.4 * np.log(25.0), abs=0.021
+    )
     disturbed = np.where((time > 5.0) & (time < 5.1), 190.0, estimate)
     assert settling_time(mass(time, disturbed), mass(time, truth)) == pytest.approx(2.1, abs=0.021)
     never = np.where(time > 9.9, 190.0, estimate)
@@ -116,7 +120,9 @@ def test_tables_hold_every_motor_and_fit_a_terminal() -> None:
     assert "motor 8" in one
     assert "80.00" in one
     assert "good" in one
-    both = format_comparison([summary(), summary(exact_mass=True, controller="pdff", mass_settling_time_s=None)])
+    both = format_comparison(
+        [summary(), summary(exact_mass=True, controller="pdff", mass_settling_time_s=None)]
+    )
     assert "pdff (exact mass)" in both
     assert "never" in both
     assert max(map(len, (one + "\n" + both).splitlines())) <= 140

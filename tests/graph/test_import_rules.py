@@ -52,7 +52,9 @@ def test_imports(path: Path) -> None:
         allowed.add("cspr_kinematics")
     assert not (names & set(PACKAGES)) - allowed, "imports a package of another layer"
     if inside[0] != "nodes" and not (package == "cspr_msgs_py" and inside[0] in CONVERSION_MODULES):
-        assert not {name for name in names if is_ros(name)}, "ROS belongs in nodes/ and the conversion modules"
+        assert not {name for name in names if is_ros(name)}, (
+            "ROS belongs in nodes/ and the conversion modules"
+        )
     if package != "cspr_drivers":
         assert not names & {"can", "canopen"}, "CAN belongs in cspr_drivers"
     if inside[0] != "simulation":
@@ -67,5 +69,7 @@ def test_there_is_something_to_check() -> None:
 
 def test_rules_catch_an_offender(tmp_path: Path) -> None:
     offender = tmp_path / "offender.py"
-    offender.write_text("def late():\n    from sensor_msgs.msg import JointState\n    return JointState\n", encoding="utf-8")
+    offender.write_text(
+        "def late():\n    from sensor_msgs.msg import JointState\n    return JointState\n", encoding="utf-8"
+    )
     assert {name for name in imported(offender) if is_ros(name)} == {"sensor_msgs"}

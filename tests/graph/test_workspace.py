@@ -49,13 +49,17 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(ROOT / "src", path / "src", ignore=ignored)
     shutil.copytree(ROOT / "config", path / "config")
     can = (ROOT / "config" / "can.yaml").read_text(encoding="utf-8")
-    (path / "virtual_can.yaml").write_text(can.replace("interface: socketcan", "interface: virtual"), encoding="utf-8")
+    (path / "virtual_can.yaml").write_text(
+        can.replace("interface: socketcan", "interface: virtual"), encoding="utf-8"
+    )
     colcon("build", "--base-paths", "src", cwd=path)
     return path
 
 
 def test_packages_are_ament_python(workspace: Path) -> None:
-    listed = {line.split("\t")[0]: line.split("\t")[-1] for line in colcon("list", cwd=workspace).splitlines()}
+    listed = {
+        line.split("\t")[0]: line.split("\t")[-1] for line in colcon("list", cwd=workspace).splitlines()
+    }
     assert listed == dict.fromkeys(
         ("cspr_control", "cspr_drivers", "cspr_kinematics", "cspr_msgs_py"), "(ros.ament_python)"
     )

@@ -194,18 +194,23 @@ class PayloadEstimator:
         previous = self._estimate
         if self._pose is None or (self._tension_count == 0 and previous.raw is None):
             cause = Invalidity.NO_POSE if self._pose is None else Invalidity.NO_TENSIONS
+            self._mean_tensions()  # without a pose they are of no use later either
             return self._hold(None, (cause,))
         stale = self._staleness(time)
         if self._tension_count == 0:
             return self._hold(previous.raw, stale) if stale else previous
-        tensions = self._tension_sum / self._tension_count
-        self._tension_sum = np.zeros_like(self._tension_sum)
-        self._tension_count = 0
+        tensions = self._mean_tensions()
         raw = measure_payload(self._robot, self._pose, tensions, self.settings.payload_height)
         invalidities = (*stale, *self._disturbances(raw, tensions))
         if invalidities:
             return self._hold(raw, invalidities)
         return self._accept(raw, step if math.isfinite(step) else 0.0)
+
+    def _mean_tensions(self) -> NDArray[np.float64]:
+        mean = self._tension_sum / max(self._tension_count, 1)
+        self._tension_sum = np.zeros_like(self._tension_sum)
+        self._tension_count = 0
+        return mean
 
     def _staleness(self, time: float) -> tuple[Invalidity, ...]:
         checks = {

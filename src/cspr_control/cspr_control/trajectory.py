@@ -10,8 +10,8 @@ from cspr_control.errors import TrajectoryError
 from cspr_control.reference import ReferencePoint
 from cspr_kinematics import Pose, Robot
 
-WORKSPACE_CHECK_STEP = 0.05
-"""Spacing in time (s) of the points at which a trajectory is compared with the workspace."""
+WORKSPACE_CHECK_POINTS = 41
+"""Number of points, equally spaced in time, at which a trajectory is compared with the workspace."""
 
 
 class Trajectory(Protocol):
@@ -59,11 +59,10 @@ def require_inside_workspace(trajectory: Trajectory, robot: Robot) -> None:
     Raises
     ------
     TrajectoryError
-        If a point of the trajectory, taken every `WORKSPACE_CHECK_STEP` seconds, is not finite or lies
-        outside the box ``workspace_min`` to ``workspace_max``.
+        If one of `WORKSPACE_CHECK_POINTS` points of the trajectory lies outside the box ``workspace_min`` to
+        ``workspace_max``.
     """
-    steps = max(1, int(np.ceil(trajectory.duration / WORKSPACE_CHECK_STEP)))
-    for time in np.linspace(0.0, trajectory.duration, steps + 1):
+    for time in np.linspace(0.0, trajectory.duration, WORKSPACE_CHECK_POINTS):
         position = trajectory.sample(float(time)).pose.position
         inside = (position >= robot.workspace_min) & (position <= robot.workspace_max)
         if not inside.all():

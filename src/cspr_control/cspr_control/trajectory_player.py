@@ -54,6 +54,9 @@ class TrajectoryPlayer:
         Rest at the start of the trajectory before it begins, s.
     stop_time
         Time from the path's own pace to rest when stopped, s.
+    max_gap
+        Longest time between two samples, s. After a longer one the reference stays where it was and the
+        trajectory is over: the motors heard nothing for that time and could only jump after it.
 
     Attributes
     ----------
@@ -65,7 +68,9 @@ class TrajectoryPlayer:
         When it begins, and when it ends unless it is stopped, ROS time, ns; 0 before the first.
     """
 
-    def __init__(self, limits: MotionLimits, dwell: float = 1.0, stop_time: float = 0.5) -> None:
+    def __init__(
+        self, limits: MotionLimits, dwell: float = 1.0, stop_time: float = 0.5, max_gap: float = 0.1
+    ) -> None:
         if not (dwell >= 0.0 and stop_time > 0.0):
             raise TrajectoryError(
                 f"dwell is {dwell} s and stop_time {stop_time} s; the first must not be negative, the second "
@@ -74,11 +79,13 @@ class TrajectoryPlayer:
         self.limits = limits
         self.dwell = dwell
         self.stop_time = stop_time
+        self.max_gap = max_gap
         self.phase = TrajectoryPhase.IDLE
         self.trajectory_name = ""
         self.start_time = 0
         self.end_time = 0
         self._time = 0  # of the newest sample
+        self._pose: Pose | None = None  # of the newest sample
         self._held: Pose | None = None
         self._followed: Trajectory | None = None  # the approach or the trajectory, while it moves
         self._followed_since = 0
@@ -106,7 +113,7 @@ class TrajectoryPlayer:
         TrajectoryError
             If no pose is held yet, or another trajectory is under way.
         """
-        if self._held is None:
+        if self._held is None or self._pose is None:
             raise TrajectoryError("no pose of the platform is known yet")
         if not self.phase.at_rest:
             raise TrajectoryError(f"{self.trajectory_name} is under way ({self.phase.value}); stop it first")
@@ -129,15 +136,29 @@ class TrajectoryPlayer:
         self.phase = TrajectoryPhase.STOPPING
 
     def sample(self, time: int) -> ReferencePoint | None:
-        """Return the reference at ``time`` (ROS time, ns, not falling); None while no pose is known."""
-        self._time = time = max(time, self._time)
+        """Return the reference at ``time`` (ROS time, ns); None while no pose is known.
+
+        A time a little before the last one counts as that; a longer step back is a clock that was set, and
+        ends a motion like a gap.
+        """
+        if abs(time - self._time) > self.max_gap * SECOND:
+            if self._followed is not None and self._pose is not None:
+                self.hold(self._pose)
+        else:
+            time = max(time, self._time)
+        self._time = time
         if self._held is None:
             return None
+        reference = self._advance(self._held, time)
+        self._pose = reference.pose
+        return reference
+
+    def _advance(self, held: Pose, time: int) -> ReferencePoint:
         if self.phase is TrajectoryPhase.APPROACH and time >= self.start_time:
             self._followed, self._followed_since, self._next = self._next, self.start_time, None
             self.phase = TrajectoryPhase.RUNNING
         if self._followed is None:
-            return ReferencePoint.at_rest(self._held)
+            return ReferencePoint.at_rest(held)
         if self.phase is TrajectoryPhase.STOPPING:
             return self._sample_stopping(self._followed, time)
         elapsed = self._elapsed(time)
@@ -145,7 +166,7 @@ class TrajectoryPlayer:
             return self._followed.sample(elapsed)
         if self.phase is TrajectoryPhase.RUNNING:
             return self._rest(self._followed, self._followed.duration, TrajectoryPhase.FINISHED)
-        return ReferencePoint.at_rest(self._held)
+        return ReferencePoint.at_rest(held)
 
     def _elapsed(self, time: int) -> float:
         return (time - self._followed_since) / SECOND

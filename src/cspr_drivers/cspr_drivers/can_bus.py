@@ -55,6 +55,7 @@ class CanPort:
     def __init__(self, name: str, bus: can.BusABC, known_cob_ids: Iterable[int] = ()) -> None:
         self.name = name
         self.network = canopen.Network(bus)
+        self.network.NOTIFIER_CYCLE = 0.1  # s; the receiving thread looks this often whether it shall end
         self.unknown_frames = 0
         self.malformed_frames = 0
         self.send_errors = 0
@@ -69,6 +70,7 @@ class CanPort:
         # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
         self.network.listeners[:] = [_Receiver(self)]
         self.network.connect()
+        self._forget_failure()
 
     def subscribe(self, cob_id: int, handler: FrameHandler) -> None:
         """Let `handler` have the frames of a COB-ID."""
@@ -93,7 +95,6 @@ class CanPort:
         """Stop receiving and close the bus."""
         if not self._closed.is_set():
             self._closed.set()
-            self.network.NOTIFIER_SHUTDOWN_TIMEOUT = 0.5
             self.network.disconnect()
 
     def receive(self, message: can.Message) -> None:
@@ -123,10 +124,14 @@ class CanPort:
         if not self._closed.is_set():
             self.bus_errors += 1
             self.last_problem = f"receiving: {error}"
-            # canopen would refuse to send for ever after; the next frame may well come through.
-            self.network.notifier.exception = None
+            self._forget_failure()
             # An interface that went down fails again at once, for as long as it is down.
             self._closed.wait(0.1)
+
+    def _forget_failure(self) -> None:
+        """Keep canopen from refusing to send for ever after one failure; the next frame may come through."""
+        if self.network.notifier is not None:
+            self.network.notifier.exception = None
 
     def _on_bus(self, timestamp: float) -> float:
         now = time.monotonic()
@@ -151,13 +156,14 @@ class _Receiver:
 class CanPorts:
     """The open buses of a process, by name.
 
-    SYNC frames sent by this process and SYNC frames received from another one reach the same handlers.
+    The handlers of `on_sync` hear of each SYNC, whether this process sends them or another one does.
     """
 
     def __init__(self, ports: Iterable[CanPort]) -> None:
         self._ports = {port.name: port for port in ports}
         self._sync_handlers: list[SyncHandler] = []
         self._sync = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
+        self._producing = False
         first = next(iter(self._ports.values()))
         first.subscribe(SYNC_COB_ID, self._receive_sync)
 
@@ -173,6 +179,7 @@ class CanPorts:
 
     def send_sync(self) -> None:
         """Put SYNC on every bus."""
+        self._producing = True
         now, stamp = time.monotonic(), time.time_ns()
         for handler in self._sync_handlers:
             handler(now, stamp)
@@ -181,7 +188,8 @@ class CanPorts:
             port.send(self._sync)
 
     def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
-        del data
+        if self._producing:
+            raise FrameError(f"another device sends SYNC as well ({len(data)} bytes)")
         stamp = time.time_ns() - int(1e9 * (time.monotonic() - now))
         for handler in self._sync_handlers:
             handler(now, stamp)

@@ -61,8 +61,8 @@ class CanopenDevice:
         port.network.add_node(self._node)
         self._node.sdo.RESPONSE_TIMEOUT = sdo_timeout
         self._node.nmt.add_heartbeat_callback(self._heard)
-        if on_emergency is not None:
-            self._node.emcy.add_callback(lambda emergency: on_emergency(emergency.code))
+        self._on_emergency = on_emergency
+        self._node.emcy.add_callback(self._emergency)
 
     def check(self, expected: Iterable[Parameter]) -> None:
         """Read objects and compare them.
@@ -96,6 +96,25 @@ class CanopenDevice:
                 f"= {parameter.value}",
             )
 
+    def wait_for(self, expected: Parameter) -> None:
+        """Read an object until it has a value, for as long as an SDO answer may take.
+
+        Raises
+        ------
+        DeviceError
+            As `check`, if it does not come to have it.
+        """
+        deadline = time.monotonic() + self._node.sdo.RESPONSE_TIMEOUT
+        while True:
+            try:
+                self.check((expected,))
+            except DeviceError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.01)
+            else:
+                return
+
     def command(self, command: NmtCommand) -> None:
         """Send an NMT command; it is not confirmed.
 
@@ -121,6 +140,11 @@ class CanopenDevice:
         self._heartbeat = time.monotonic()
         if state == BOOT_UP:
             self._on_boot()
+
+    def _emergency(self, emergency: canopen.emcy.EmcyError) -> None:
+        self._node.emcy.reset()  # canopen keeps all of them, for ever
+        if self._on_emergency is not None:
+            self._on_emergency(emergency.code)
 
     def _transfer(self, parameter: Parameter, transfer: Callable[[Parameter], _T], what: str) -> _T:
         try:

@@ -38,6 +38,7 @@ class Commissioning:
         self._report = report
         self._lock = threading.Lock()
         self._problems: dict[int, str] = dict.fromkeys(range(len(self._names)), "not configured yet")
+        self._requests = [0] * len(self._names)
         self._reported: dict[int, str] = {}
         self._wake = threading.Event()
         self._stopping = threading.Event()
@@ -58,6 +59,7 @@ class Commissioning:
         """Configure a device again."""
         with self._lock:
             self._problems[index] = reason
+            self._requests[index] += 1
         self._wake.set()
 
     @property
@@ -80,7 +82,7 @@ class Commissioning:
 
     def _attempt(self, index: int) -> None:
         with self._lock:
-            before = self._problems[index]
+            request = self._requests[index]
         try:
             self._configure(index)
         except DeviceError as error:
@@ -92,7 +94,7 @@ class Commissioning:
             return
         with self._lock:
             # A restart reported meanwhile asks for one more round.
-            if self._problems.get(index) == before:
+            if self._requests[index] == request:
                 del self._problems[index]
         if self._reported.pop(index, None) is not None:
             self._report(f"{self._names[index]}: ready")

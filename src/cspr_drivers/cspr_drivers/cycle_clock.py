@@ -10,15 +10,16 @@ from collections.abc import Callable
 class CycleClock:
     """Calls `tick` once a period.
 
-    The moments lie on a fixed grid: a late call does not shift the later ones. Moments that have passed while a
-    call took too long are left out and counted; they are never made up for in a burst.
+    The moments lie on a fixed grid: a late call does not shift the later ones. Moments that have passed while
+    a call took too long are left out and counted; they are never made up for in a burst.
 
     Parameters
     ----------
     period
         Time between two calls, s.
     tick
-        What is called, in this clock's own thread, with the monotonic time, s. What it raises ends the thread.
+        What is called, in this clock's own thread, with the monotonic time, s. What it raises ends the
+        thread.
     """
 
     def __init__(self, period: float, tick: Callable[[float], None]) -> None:

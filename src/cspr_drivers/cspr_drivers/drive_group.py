@@ -242,20 +242,26 @@ class DriveGroup:
         if faulty := [drive.describe() for drive in present if drive.state in _FAULTY]:
             self._latch("; ".join(faulty), time)
             return
-        reasons = []
+        reasons: dict[str, list[str]] = {}
         for drive in self._drives:
-            if drive.unavailable:
-                reasons.append(f"{drive.name}: {drive.unavailable}")
-            elif drive not in present:
-                reasons.append(f"{drive.name}: sends no feedback")
-            elif drive.state is not State.SWITCH_ON_DISABLED:
-                reasons.append(drive.describe())
-            elif drive.brake_open:
-                reasons.append(f"{drive.name}: its brake is open")
+            if reason := self._restless(drive, drive in present):
+                reasons.setdefault(reason, []).append(drive.name)
         if reasons:
-            self._enter(GroupState.NOT_READY, "; ".join(reasons), time)
+            cause = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+            self._enter(GroupState.NOT_READY, cause, time)
         elif self._state is GroupState.NOT_READY:
             self._enter(GroupState.DISABLED, "", time)
+
+    @staticmethod
+    def _restless(drive: DriveStatus, present: bool) -> str:
+        """Return why a drive is not at rest and ready, or an empty text."""
+        if drive.unavailable:
+            return drive.unavailable
+        if not present:
+            return "sends no feedback"
+        if drive.state is not State.SWITCH_ON_DISABLED:
+            return f"is in {drive.state_name}"
+        return "its brake is open" if drive.brake_open else ""
 
     def _trouble(self, time: float) -> str:
         """Return what makes going on impossible, or an empty text."""

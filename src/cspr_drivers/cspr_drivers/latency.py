@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 BIN = 10e-6  # s
 BINS = 5000  # 50 ms; anything later counts in the last bin, its exact value in the maximum
 
@@ -22,7 +24,7 @@ class LatencyHistogram:
     """Histogram of latencies with bins of 10 us."""
 
     def __init__(self) -> None:
-        self._counts = [0] * BINS
+        self._counts = np.zeros(BINS, dtype=np.int64)
         self._count = 0
         self._maximum = 0.0
 
@@ -34,7 +36,7 @@ class LatencyHistogram:
 
     def clear(self) -> None:
         """Forget all latencies."""
-        self._counts = [0] * BINS
+        self._counts = np.zeros(BINS, dtype=np.int64)
         self._count = 0
         self._maximum = 0.0
 
@@ -45,10 +47,5 @@ class LatencyHistogram:
     def _percentile(self, fraction: float) -> float:
         if self._count == 0:
             return 0.0
-        wanted = fraction * self._count
-        passed = 0
-        for place, count in enumerate(self._counts):
-            passed += count
-            if passed >= wanted:
-                return min((place + 1) * BIN, self._maximum)
-        return self._maximum
+        place = int(np.searchsorted(np.cumsum(self._counts), fraction * self._count))
+        return min((place + 1) * BIN, self._maximum)

@@ -1,12 +1,13 @@
 """Constant byte templates of messages in CDR, the wire format of ROS 2.
 
 A message whose names and sequence lengths never change is, on the wire, a constant frame in which only the
-stamp and some blocks of numbers change, always at the same offsets. :class:`Template` lays such a frame out by
-the rules of plain CDR, little-endian (OMG DDSI-RTPS 2.5, section 10, and CORBA 3.3 part 2, section 9.3): four
-bytes of encapsulation header, then each primitive aligned to its own size, counted from behind that header.
+stamp and some blocks of numbers change, always at the same offsets. :class:`Template` lays such a frame out
+by the rules of plain CDR, little-endian (OMG DDSI-RTPS 2.5, section 10, and CORBA 3.3 part 2, section 9.3):
+four bytes of encapsulation header, then each primitive aligned to its own size, counted from behind that
+header.
 
-Bytes that only fill up to an alignment have no meaning. Encoding writes zeros there; other writers leave stale
-memory, so decoding does not look at them.
+Bytes that only fill up to an alignment have no meaning. Encoding writes zeros there; other writers leave
+stale memory, so decoding does not look at them.
 """
 
 import struct
@@ -117,3 +118,45 @@ class Frame:
     def matches(self, buffer: Bytes) -> bool:
         """Return whether `buffer` has the length and the constants of this frame."""
         return len(buffer) == self.size and self._check.unpack(buffer) == self._constants
+
+
+class Scanner:
+    """Walks through a message of unknown layout, to find the constants for its template.
+
+    All methods raise ValueError where the bytes end early or cannot be what they are read as.
+    """
+
+    def __init__(self, buffer: Bytes) -> None:
+        self._buffer = bytes(buffer)
+        self._offset = len(ENCAPSULATION)
+        if not self._buffer.startswith(ENCAPSULATION):
+            raise ValueError(f"{len(self._buffer)} bytes are not little-endian CDR")
+
+    def _take(self, size: int, alignment: int) -> bytes:
+        start = self._offset + -(self._offset - len(ENCAPSULATION)) % alignment
+        if start + size > len(self._buffer):
+            raise ValueError(f"message of {len(self._buffer)} bytes ends early")
+        self._offset = start + size
+        return self._buffer[start : self._offset]
+
+    def count(self) -> int:
+        """Read the length of a sequence."""
+        return int.from_bytes(self._take(4, alignment=4), "little")
+
+    def string(self) -> str:
+        """Read a string."""
+        data = self._take(self.count(), alignment=1)
+        if not data.endswith(b"\x00"):
+            raise ValueError("a string in the message has no end")
+        return data[:-1].decode()
+
+    def skip_time(self) -> None:
+        """Pass over a Time or Duration."""
+        self._take(8, alignment=4)
+
+    def skip_doubles(self) -> int:
+        """Pass over a sequence of doubles and return its length."""
+        count = self.count()
+        if count:
+            self._take(8 * count, alignment=8)
+        return count

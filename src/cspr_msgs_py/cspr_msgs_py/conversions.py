@@ -124,8 +124,8 @@ def from_diagnostic_array(message: DiagnosticArray) -> dict[str, tuple[Level, st
     """Return level, message and values of each status by its name, in the order of the message."""
     statuses: dict[str, tuple[Level, str, dict[str, str]]] = {}
     for status in message.status:
-        name, *rest = from_diagnostic_status(status)
-        statuses[name] = (rest[0], rest[1], rest[2])
+        name, level, text, values = from_diagnostic_status(status)
+        statuses[name] = (level, text, values)
     return statuses
 
 

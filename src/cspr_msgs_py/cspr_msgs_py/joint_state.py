@@ -1,9 +1,9 @@
 """sensor_msgs/JointState of constant names as raw CDR.
 
-The hot topics of the graph carry one JointState a cycle. Building message objects costs more than the control
-law; here a message is a constant frame with the stamp and the doubles at fixed offsets. The bytes are those of
-an ordinary publisher, so any ROS 2 tool reads them. A message in another layout is not decoded here but by
-:func:`cspr_msgs_py.joint_state_conversion.decode_joint_state`.
+The hot topics of the graph carry one JointState a cycle. Building message objects costs more than the
+control law; here a message is a constant frame with the stamp and the doubles at fixed offsets. The bytes
+are those of an ordinary publisher, so any ROS 2 tool reads them. A message in another layout is not decoded
+here but by :func:`cspr_msgs_py.joint_state_conversion.decode_joint_state`.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_msgs_py.cdr import Bytes, Template, pack_time, unpack_time
+from cspr_msgs_py.cdr import Bytes, Scanner, Template, pack_time, unpack_time
 
 FIELDS: Final = ("position", "velocity", "effort")
 
@@ -98,8 +98,8 @@ class JointStateCodec:
         Raises
         ------
         ValueError
-            If a field is missing, is one that this layout does not carry, or has another length than the names;
-            or if the stamp does not fit the message.
+            If a field is missing, is one that this layout does not carry, or has another length than the
+            names; or if the stamp does not fit the message.
         """
         blocks = [pack_time(stamp_ns)]
         for field, values in (("position", position), ("velocity", velocity), ("effort", effort)):
@@ -138,6 +138,28 @@ class JointStateCodec:
         if offset is None:
             return _NONE
         return np.frombuffer(data, _DOUBLE, self._shape[0], offset)
+
+    @classmethod
+    def of(cls, buffer: Bytes) -> "JointStateCodec":
+        """Return the codec for messages of the layout that `buffer` has.
+
+        Raises
+        ------
+        ValueError
+            If it is not a whole JointState in little-endian CDR with as many values as names.
+        """
+        scanner = Scanner(buffer)
+        scanner.skip_time()
+        frame_id = scanner.string()
+        names = [scanner.string() for _ in range(scanner.count())]
+        lengths = [scanner.skip_doubles() for _ in FIELDS]
+        codec = cls(names, frame_id, *(bool(length) for length in lengths))
+        if not codec.matches(buffer):
+            raise ValueError(
+                f"{len(buffer)} bytes are no JointState with one value a name: {len(names)} names, "
+                f"{', '.join(f'{length} x {field}' for field, length in zip(FIELDS, lengths, strict=True))}"
+            )
+        return codec
 
     def matches(self, buffer: Bytes) -> bool:
         """Return whether `buffer` is a message of this layout."""

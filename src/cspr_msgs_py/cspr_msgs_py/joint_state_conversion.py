@@ -1,8 +1,8 @@
 """Decoding of JointState messages from publishers with another layout.
 
-:class:`cspr_msgs_py.joint_state.JointStateCodec` reads the layout that the nodes of this workspace write. Any
-other ROS 2 publisher may order the joints differently, set a ``frame_id`` or leave fields out: its messages are
-deserialised the ordinary way and brought into the order that the codec has.
+:class:`cspr_msgs_py.joint_state.JointStateCodec` reads the layout that the nodes of this workspace write.
+Any other ROS 2 publisher may order the joints differently, set a ``frame_id`` or leave fields out: its
+messages are deserialised the ordinary way and brought into the order that the codec has.
 """
 
 import numpy as np
@@ -23,8 +23,8 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
     Raises
     ------
     MessageError
-        If the bytes are no JointState, a joint of the codec is missing or named twice, or a field of the codec
-        has not one value a name.
+        If the bytes are no JointState, a joint of the codec is missing or named twice, or a field of the
+        codec has not one value a name.
     """
     sample = codec.decode(buffer)
     if sample is not None:

@@ -1,8 +1,8 @@
 """Message classes by name, and the definition text (``ros2msg``) that a bag carries for its readers.
 
-The text is rebuilt from the Python classes of the message packages, because these are there wherever rclpy is,
-while the ``.msg`` files are not part of every installation. Constants, comments and default values, which do
-not concern the bytes of a message, are left out.
+The text is rebuilt from the Python classes of the message packages, because these are there wherever rclpy
+is, while the ``.msg`` files are not part of every installation. Constants, comments and default values,
+which do not concern the bytes of a message, are left out.
 """
 
 import importlib
@@ -45,8 +45,8 @@ def message_class(type_name: str) -> Any:
 def message_definition(type_name: str) -> str:
     """Return the definition of a message with those of all the messages inside it.
 
-    The form is that of rosbag2: the definition itself, then for each nested type a line of 80 equal signs, a line
-    ``MSG: package/Name`` and its definition.
+    The form is that of rosbag2: the definition itself, then for each nested type a line of 80 equal signs,
+    a line ``MSG: package/Name`` and its definition.
     """
     pending = [type_name]
     seen = {type_name}

@@ -22,8 +22,8 @@ def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
     Raises
     ------
     MessageError
-        If the bytes are no MultiDOFJointTrajectory, its frame is not ``base``, or it has not exactly one point
-        with transform, velocity and acceleration for the joint ``platform``.
+        If the bytes are no MultiDOFJointTrajectory, its frame is not ``base``, or it has not exactly one
+        point with transform, velocity and acceleration for the joint ``platform``.
     """
     sample = codec.decode(buffer)
     if sample is not None:

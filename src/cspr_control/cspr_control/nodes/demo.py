@@ -21,20 +21,20 @@ from typing import Any
 
 import rclpy
 import yaml
-from cspr_msgs_py import topics
-from cspr_msgs_py.conversions import inertia_stamped
-from cspr_msgs_py.qos import qos_profile
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cspr_control.child_processes import ChildDiedError, ChildProcesses
+from cspr_control.child_processes import ChildProcesses
 from cspr_control.errors import ControlError
-from cspr_control.nodes.recorded_run import summarise_run
-from cspr_control.paper_trajectories import TRAJECTORY_NAMES
+from cspr_control.recorded_run import summarise_run
 from cspr_control.run_summary import RunSummary, format_comparison, format_summary
+from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_msgs_py import topics
+from cspr_msgs_py.conversions import inertia_stamped
+from cspr_msgs_py.qos import qos_profile
 
 CONTROLLERS: dict[
     str, tuple[str, str]
@@ -44,6 +44,9 @@ CONTROLLERS: dict[
     "pdff": ("dynamic", "nominal"),
     "pdff-mass": ("dynamic", "estimated"),
 }
+TRAJECTORIES = [
+    name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
+]
 COMPARED = [("pd", False), ("static", False), ("pdff", False), ("pdff-mass", False), ("pdff", True)]
 PACKAGES = {
     "simulated_robot": "cspr_drivers.nodes.simulated_robot",
@@ -98,7 +101,7 @@ def main(args: list[str] | None = None) -> int:
         return 2
     # On loopback, in a domain of its own: no robot in the same network hears a word of this.
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", "88")
+    os.environ.setdefault("ROS_DOMAIN_ID", "33")
     chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
     summaries: list[RunSummary] = []
 
@@ -146,8 +149,8 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times"
     )
     parser.add_argument(
-        "--trajectory", choices=TRAJECTORY_NAMES, default="paper-19", metavar="NAME",
-        help=f"one of {', '.join(TRAJECTORY_NAMES)}; default: %(default)s",
+        "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
+        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
     )  # fmt: skip
     parser.add_argument(
         "--payload",
@@ -310,7 +313,7 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
                 "running", lambda: client.phase == "finished", (end - start) * 1e-9 + 10.0, client.phase_text
             )
             run.pause("settling", 1.5)
-            stop_statistics = run.stop()
+            driver = run.stop()
         except (KeyboardInterrupt, ControlError):
             run.make_safe()
             raise
@@ -322,7 +325,7 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
         controller=scenario.controller,
         exact_mass=scenario.exact_mass,
         trajectory=scenario.trajectory,
-        cycle_values=stop_statistics,
+        driver=driver,
     )
     with open(directory / "summary.json", "w", encoding="utf-8") as file:
         json.dump(summary.as_mapping(), file, indent=2)
@@ -372,11 +375,12 @@ class _Client(Node):
         return not self.missing
 
     def phase_text(self) -> str:
-        return f"the trajectory is in phase {self.phase or 'unknown'}, the robot {self.robot_state}: {self.robot_message}"
+        """Where the trajectory and the robot are."""
+        return f"the trajectory is in phase {self.phase or 'unknown'}, the robot is {self.robot_state}"
 
     def set_payload(self, mass: float, stamp_ns: int) -> None:
         """Let the simulated robot carry a mass from a moment on."""
-        self._set_payload.publish(inertia_stamped(stamp_ns, "platform", mass, (0.0, 0.0, 0.0)))
+        self._set_payload.publish(inertia_stamped(stamp_ns, mass, (0.0, 0.0, 0.0)))
 
     def trigger(self, service: str) -> Any:
         """Ask a service; returns the future."""

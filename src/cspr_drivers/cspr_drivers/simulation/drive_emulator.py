@@ -32,7 +32,8 @@ _BRAKE_SET = 1 << 0  # digital outputs, object 60FEh:01
 _NO_MODE = 0
 _FAULT_SIGNAL_ON_LOST_CONNECTION = 1  # 6007h
 
-# Option codes that this drive offers. In all of them it stops its motor and closes its brake before power goes.
+# Option codes that this drive offers. With all of them it stops its motor and closes its brake before power
+# goes.
 _OPTION_CODES = {
     0x6007: (_FAULT_SIGNAL_ON_LOST_CONNECTION, QUICK_STOP_ON_LOST_CONNECTION),
     0x605A: (QUICK_STOP_THEN_SWITCH_ON_DISABLED,),
@@ -103,11 +104,7 @@ class DriveEmulator(EmulatedNode):
         self._demand = 0
         self._limited = False
         self._angle = self._speed = self._torque = 0.0
-        self._outputs = (
-            0.0,
-            0.0,
-            True,
-        )  # torque, damping, whether the brake is closed, as the plant has them
+        self._outputs = (0.0, 0.0, True)  # what the plant has: torque, damping, brake closed
         self.readers |= {
             (0x603F, 0): lambda: self._error_code,
             (0x6040, 0): lambda: self._control_word,
@@ -181,7 +178,7 @@ class DriveEmulator(EmulatedNode):
             self._drive()
 
     def restart(self, time: float) -> None:
-        """Begin as after power-on; a drive that still stops its motor finishes that first and keeps its state."""
+        """Begin as after power-on; a drive that is still stopping its motor goes on with that."""
         if not self.automaton.powered:
             self.automaton = DriveStateMachine(self._timing)
             self._error_code = 0

@@ -1,7 +1,7 @@
 """Finite state automaton of an emulated drive with its power stage and holding brake (CiA 402-2).
 
-Pure: time and speed are arguments. The order of power and brake is the one that never lets a load drop: torque
-first, then the brake opens; the brake holds first, then the torque goes.
+Pure: time and speed are arguments. Power and brake follow the order that never lets a load drop: there is
+torque before the brake opens, and the brake holds before the torque goes.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ _ENABLE_VOLTAGE = 1 << 1
 _QUICK_STOP = 1 << 2  # active low
 _ENABLE_OPERATION = 1 << 3
 _FAULT_RESET = 1 << 7
+
+_STATES_WITHOUT_POWER = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ class DriveStateMachine:
         elif self.state is State.QUICK_STOP_ACTIVE:
             if not word & _ENABLE_VOLTAGE:
                 self._close_brake(time)
-        else:
+        elif self.state in _STATES_WITHOUT_POWER:
             self._switch(word, time, may_operate)
         return False
 
@@ -156,8 +158,6 @@ class DriveStateMachine:
 
     def _switch(self, word: int, time: float, may_operate: bool) -> None:
         """Take the transitions of the states without power (2, 3, 4, 6, 7, 10 of CiA 402-2)."""
-        if self.state is State.NOT_READY_TO_SWITCH_ON:
-            return
         if not word & _ENABLE_VOLTAGE or not word & _QUICK_STOP:
             self.state = State.SWITCH_ON_DISABLED
         elif not word & _SWITCH_ON:

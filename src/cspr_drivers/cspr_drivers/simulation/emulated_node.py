@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import struct
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import can
@@ -13,11 +14,11 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo import SdoAbortedError
 
 from cspr_drivers.errors import FrameError
-from cspr_drivers.frame_table import SYNC_COB_ID, FunctionCode, cob_id
+from cspr_drivers.frame_table import NMT_COB_ID, FunctionCode, cob_id
 from cspr_drivers.simulation.canopen_codes import EmergencyCode, NmtCommand, NmtState, SdoAbort
 from cspr_drivers.simulation.error_log import ErrorLog
 from cspr_drivers.simulation.heartbeat import HeartbeatConsumer, HeartbeatProducer
-from cspr_drivers.simulation.pdo_configuration import Direction, PdoConfiguration
+from cspr_drivers.simulation.pdo_configuration import Direction, PdoConfiguration, find_object
 from cspr_drivers.simulation.process_data import ReceivePdo, TransmitPdo
 from cspr_drivers.simulation.shared_plant import SharedPlant
 
@@ -38,9 +39,9 @@ _NMT_STATES = {
 class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classes count as untyped
     """Base of the emulated devices.
 
-    The device lives by frames and ticks: frames come from the canopen network it is added to and take the lock of
-    the shared plant, `tick` comes from whoever keeps the time, with the lock held. Its objects are stored values, or live ones: those for
-    which `readers` or `writers` hold a function.
+    The device lives by frames and ticks: frames come from the canopen network it is added to and take the
+    lock of the shared plant; `sync` and `tick` are called by whoever keeps the time, with the lock held. Its
+    objects are stored values, or live ones: those for which `readers` or `writers` hold a function.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             (0x1017, 0): lambda: self._heartbeat.milliseconds,
         }
         for place in range(len(self.object_dictionary[0x1003]) - 1):
-            self.readers[0x1003, place + 1] = lambda place=place: self._past_error(place)
+            self.readers[0x1003, place + 1] = partial(self._past_error, place)
         self.writers: dict[tuple[int, int], Callable[[int], None]] = {
             (0x1003, 0): self._clear_error_history,
             (0x1016, 1): self._watch_heartbeat,
@@ -145,6 +146,9 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             self._install_pdos()
         self.applied(self._request_time)
 
+    def _find_object(self, index: int, subindex: int) -> ODVariable:
+        return find_object(self.object_dictionary, index, subindex)
+
     def _reader(self, index: int, subindex: int) -> Callable[[], int]:
         return self.readers.get((index, subindex)) or (lambda: self.value(index, subindex))
 
@@ -158,13 +162,12 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
     # Network and NMT
 
     def associate_network(self, network: canopen.Network) -> None:
-        """Join a network as `canopen.LocalNode` does, with NMT and SDO requests passing this device's states."""
+        """Join a network as `canopen.LocalNode` does, but serve NMT and SDO by this device's own state."""
         super().associate_network(network)
-        network.unsubscribe(FunctionCode.NMT, self.nmt.on_command)
+        network.unsubscribe(NMT_COB_ID, self.nmt.on_command)
         network.unsubscribe(self.sdo.rx_cobid, self.sdo.on_request)
-        network.subscribe(FunctionCode.NMT, self._on_nmt)
+        network.subscribe(NMT_COB_ID, self._on_nmt)
         network.subscribe(self.sdo.rx_cobid, self._on_sdo)
-        network.subscribe(SYNC_COB_ID, self._on_sync)
 
     def power_on(self) -> None:
         """Boot: announce the device and wait, pre-operational, for a master."""
@@ -253,19 +256,17 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
                 self.emergency(EmergencyCode.PROTOCOL)
         self.applied(time)
 
-    def _on_sync(self, _can_id: int, _data: bytearray, timestamp: float) -> None:
-        with self._machine.lock:
-            if self.nmt_state is not NmtState.OPERATIONAL:
-                return
-            time = self._machine.time_at(timestamp)
-            self._machine.advance(time)
-            self.latch()
-            for transmit in self._transmit_pdos:
-                self._transmit(transmit.on_sync())
-            for receive in self._receive_pdos.values():
-                values = receive.take_pending()
-                if values is not None:
-                    self._apply(receive, values, time)
+    def sync(self, time: float) -> None:
+        """Answer a SYNC at a plant time, s, at which the plant stands."""
+        if self.nmt_state is not NmtState.OPERATIONAL:
+            return
+        self.latch()
+        for transmit in self._transmit_pdos:
+            self._transmit(transmit.on_sync())
+        for receive in self._receive_pdos.values():
+            values = receive.take_pending()
+            if values is not None:
+                self._apply(receive, values, time)
 
     def _transmit(self, message: can.Message | None) -> None:
         if message is None:
@@ -284,7 +285,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         time
             Present plant time.
         supervise
-            Whether silence of the master counts. It does not when the caller was held up: frames may wait unread.
+            Whether silence of the master counts; not when the caller was held up, as frames may wait unread.
         """
         if self._heartbeat.due(time):
             self._send(cob_id(FunctionCode.HEARTBEAT, self.id), bytes([self.nmt_state]))

@@ -1,4 +1,4 @@
-"""Heartbeat producer and consumer of an emulated device (CiA 301, section 7.2.8.3.2). Pure: time is an argument."""
+"""Heartbeat producer and consumer of an emulated device (CiA 301, section 7.2.8.3.2), time as argument."""
 
 from __future__ import annotations
 

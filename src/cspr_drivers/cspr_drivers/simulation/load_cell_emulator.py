@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 from canopen.sdo import SdoAbortedError
 
 from cspr_drivers.can_config import LoadCellConfig
-from cspr_drivers.cia404 import AUTOZERO_SIGNATURE, InputStatus
+from cspr_drivers.cia404 import AUTOZERO_SIGNATURE, NEWTON, InputStatus
 from cspr_drivers.simulation.canopen_codes import SdoAbort
 from cspr_drivers.simulation.emulated_node import EmulatedNode
 from cspr_drivers.simulation.shared_plant import SharedPlant
@@ -16,7 +17,7 @@ from cspr_drivers.simulation.simulation_config import LoadCellProperties
 
 _SPAN = 5000  # N, upper end of the measuring range
 _SPAN_BELOW_ZERO = 100  # N, measuring range below zero
-_LARGEST = 2**31 - 1
+_NOISE_BLOCK = 256  # samples drawn at once, which costs little more than drawing one
 
 
 class LoadCellEmulator(EmulatedNode):
@@ -47,39 +48,40 @@ class LoadCellEmulator(EmulatedNode):
         errors: LoadCellProperties,
         seed: int,
     ) -> None:
-        digits = 10**config.units.decimal_digits
-        nameplate = {
-            (0x6132, 1): config.units.decimal_digits,
-            (0x9148, 1): -_SPAN_BELOW_ZERO * digits,
-            (0x9149, 1): min(_SPAN * digits, _LARGEST),
-        }
-        super().__init__(config.node_id, eds, machine, nameplate)
+        super().__init__(config.node_id, eds, machine, nameplate={})
         self.name = config.name
         self._index = index
         self._units = config.units
         self._noise_std = errors.noise_std
         self._gain = 1.0 + float(errors.gain_error[index])
         self._offset = float(errors.offset[index])
-        self._noise = np.random.default_rng((seed, index))
-        self._span = (nameplate[0x9148, 1], nameplate[0x9149, 1])
+        self._generator = np.random.default_rng((seed, index))
+        self._noise: list[float] = []
         self._input_offset = 0  # added to the process value, 9124h
         self._process_value = 0
         self._status = InputStatus.NOT_VALID
+        self._set_decimal_digits(self.value(0x6132, 1))
         self.readers |= {
+            (0x6132, 1): lambda: self._units.decimal_digits,
             (0x6150, 1): lambda: int(self._status),
             (0x9124, 1): lambda: self._input_offset,
             (0x9130, 1): lambda: self._process_value,
+            (0x9148, 1): lambda: self._span_start,
+            (0x9149, 1): lambda: self._span_end,
         }
         self.writers |= {
             (0x6125, 1): self._autozero,
+            (0x6131, 1): self._check_unit,
+            (0x6132, 1): self._set_decimal_digits,
             (0x9124, 1): self._write_input_offset,
         }
 
     def latch(self) -> None:
         """Take the tension of the cable."""
-        noise = float(self._noise.normal(0.0, self._noise_std)) if self._noise_std else 0.0
-        shown = self._shown(noise) + self._input_offset
-        low, high = self._span
+        if not self._noise:
+            self._noise = self._generator.normal(0.0, self._noise_std, _NOISE_BLOCK).tolist()
+        shown = self._shown(self._noise.pop()) + self._input_offset
+        low, high = self._span_start, self._span_end
         if shown > high:
             self._status = InputStatus.POSITIVE_OVERLOAD
         elif shown < low:
@@ -91,6 +93,7 @@ class LoadCellEmulator(EmulatedNode):
     def restart(self, time: float) -> None:
         """Begin as after power-on; the zero of the last taring is kept, as amplifiers store it."""
         self._status = InputStatus.NOT_VALID
+        self._set_decimal_digits(int(self.object_dictionary[0x6132][1].default))
 
     def _shown(self, noise: float) -> int:
         tension = self._machine.measure().tensions[self._index]
@@ -101,6 +104,17 @@ class LoadCellEmulator(EmulatedNode):
             raise SdoAbortedError(SdoAbort.CANNOT_BE_STORED)
         # The mean over the amplifier's filter time is free of noise.
         self._input_offset = -self._shown(noise=0.0)
+
+    def _check_unit(self, unit: int) -> None:
+        if unit != NEWTON:
+            raise SdoAbortedError(SdoAbort.INVALID_VALUE)
+
+    def _set_decimal_digits(self, digits: int) -> None:
+        before = 10.0**-self._units.decimal_digits
+        self._units = dataclasses.replace(self._units, decimal_digits=digits)
+        self._input_offset = round(self._input_offset * before * 10.0**digits)
+        self._span_start = -_SPAN_BELOW_ZERO * 10**digits
+        self._span_end = _SPAN * 10**digits
 
     def _write_input_offset(self, value: int) -> None:
         self._input_offset = value

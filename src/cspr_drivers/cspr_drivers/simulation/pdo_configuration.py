@@ -1,7 +1,7 @@
 """PDO parameters of an emulated device: what a master may write to them, and the PDOs that result.
 
-Sources: CiA 301, sections 7.5.2.35 to 7.5.2.38 (communication and mapping parameters, and the order in which a
-mapping is changed: PDO invalid, number of objects zero, the objects, their number, PDO valid).
+Sources: CiA 301, sections 7.5.2.35 to 7.5.2.38 (communication and mapping parameters, and the order in which
+a mapping is changed: PDO invalid, number of objects zero, the objects, their number, PDO valid).
 """
 
 from __future__ import annotations
@@ -172,20 +172,29 @@ class PdoConfiguration:
     def _mapped_object(self, direction: Direction, mapping: int) -> MappedObject:
         """Return the object of a mapping entry: index, subindex, length in bits."""
         index, subindex, bits = mapping >> 16, mapping >> 8 & 0xFF, mapping & 0xFF
-        if index not in self._dictionary:
-            raise SdoAbortedError(SdoAbort.NO_OBJECT)
-        entry = self._dictionary[index]
-        if isinstance(entry, ODVariable):
-            if subindex:
-                raise SdoAbortedError(SdoAbort.NO_SUBINDEX)
-        elif subindex in entry:
-            entry = entry[subindex]
-        else:
-            raise SdoAbortedError(SdoAbort.NO_SUBINDEX)
+        entry = find_object(self._dictionary, index, subindex)
         allowed = entry.writable if direction is Direction.RECEIVE else entry.readable
         if not entry.pdo_mappable or not allowed or bits != len(entry):
             raise SdoAbortedError(SdoAbort.NOT_MAPPABLE)
         return MappedObject(entry.name, index, subindex, bits, entry.data_type in SIGNED_TYPES)
+
+
+def find_object(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable:
+    """Return an entry of an object dictionary.
+
+    Raises
+    ------
+    SdoAbortedError
+        If there is no such object, or no such subindex of it.
+    """
+    if index not in dictionary:
+        raise SdoAbortedError(SdoAbort.NO_OBJECT)
+    entry = dictionary[index]
+    # Not by canopen's own look-up: it grants an array any subindex, and ignores that of a variable.
+    subindices = {0: entry} if isinstance(entry, ODVariable) else entry.subindices
+    if subindex not in subindices:
+        raise SdoAbortedError(SdoAbort.NO_SUBINDEX)
+    return subindices[subindex]
 
 
 def _place(index: int) -> tuple[Direction, _Parameter, int] | None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
 from numpy.typing import NDArray
 
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.simulation_config import CableProperties, SimulationConfig
+from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
 
 FloatArray = NDArray[np.float64]
 
@@ -129,27 +129,27 @@ class Plant:
 
     def motor_angles(self) -> FloatArray:
         """Angles of the motor shafts, rad. (m,)."""
-        return self._data.qpos[self._shaft_position].copy()
+        return np.array(self._data.qpos[self._shaft_position])
 
     def motor_speeds(self) -> FloatArray:
         """Speeds of the motor shafts, rad/s. (m,)."""
-        return self._data.qvel[self._shaft].copy()
+        return np.array(self._data.qvel[self._shaft])
 
     def motor_torques(self) -> FloatArray:
         """Torques that the drives apply, saturated at the limit of the motors, N m. (m,)."""
         return self._applied_torque.copy()
 
     def tensions(self) -> FloatArray:
-        """True tensions of the cables, N. (m,)."""
+        """Tensions of the cables as they are, N. (m,)."""
         return self._tensions.copy()
 
     def platform_position(self) -> FloatArray:
         """Position of the platform's origin in the base frame, m. (3,)."""
-        return self._data.body("platform").xpos.copy()
+        return np.array(self._data.body("platform").xpos)
 
     def platform_rotation(self) -> FloatArray:
         """Rotation of the platform in the base frame. (3, 3)."""
-        return self._data.body("platform").xmat.reshape(3, 3).copy()
+        return np.array(self._data.body("platform").xmat).reshape(3, 3)
 
     def advance(self, time: float) -> None:
         """Integrate to a time (s since the plant was made) with the inputs as they are; earlier times do nothing.

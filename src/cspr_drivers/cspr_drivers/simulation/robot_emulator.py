@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 import threading
-import time
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
-import can
 import canopen
-from cspr_kinematics import Payload
 
-from cspr_drivers.can_config import BusConfig, CanConfig
+from cspr_drivers.can_bus import open_bus
+from cspr_drivers.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.errors import BusError, ConfigurationError, DriverError
+from cspr_drivers.frame_table import SYNC_COB_ID
 from cspr_drivers.simulation.drive_emulator import DriveEmulator
 from cspr_drivers.simulation.emulated_node import EmulatedNode
 from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
 from cspr_drivers.simulation.shared_plant import PlantModel, SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_kinematics import Payload
 
 DRIVE_EDS = "cia402_drive.eds"
 LOAD_CELL_EDS = "cia404_load_cell.eds"
 
-_TICK = 0.005  # s between two looks at time-outs and brakes
-_LATE = 0.02  # s by which a tick may be late before silence of the master proves nothing
-# Without SYNC the plant follows the clock at this distance, so that it never overtakes a SYNC still unread, whose
-# time stamp says for when the devices have to measure.
+# s between two looks at time-outs and brakes. With SYNC the looks come with it; without, a thread looks, more
+# often while a brake moves.
+_TICK = 0.005
+_IDLE_TICK = 0.02
+_LATE = 0.02  # s by which the thread may be late before silence of the master proves nothing
+# Between SYNCs the plant follows the clock at this distance, so that it never overtakes a SYNC still unread,
+# whose time stamp says for when the devices have to measure.
 _PLANT_LAG = 0.03  # s
+_LONGEST_CLOSING = 0.1  # s until the receiving thread of a bus sees that it shall end
 
 
 class RobotEmulator:
     """The devices of `can.yaml`, on its buses as they are: virtual, or SocketCAN for a driver elsewhere.
 
-    Each bus has one interface and one canopen network for all of its devices. They measure at the time stamp of
-    each SYNC; in between, a thread looks after heartbeats, time-outs and brakes.
+    Each bus has one interface and one canopen network for all of its devices. They measure at the time stamp
+    of each SYNC; in between, a thread looks after heartbeats, time-outs and brakes.
 
     Parameters
     ----------
@@ -61,13 +66,12 @@ class RobotEmulator:
         for key, devices in (("drives", can_config.drives), ("load_cells", can_config.load_cells)):
             if len(devices) != count:
                 raise ConfigurationError(
-                    f"{can_config.source}: {key}: lists {len(devices)} devices, the simulated robot has {count} cables"
+                    f"{can_config.source}: {key}: lists {len(devices)} devices, but the simulated robot has "
+                    f"{count} cables"
                 )
         for name in (DRIVE_EDS, LOAD_CELL_EDS):
             if not (eds_directory / name).is_file():
-                raise ConfigurationError(
-                    f"{eds_directory / name}: the object dictionary of the devices is missing"
-                )
+                raise ConfigurationError(f"{eds_directory / name}: cannot be found; it describes the devices")
         self.machine = SharedPlant(plant, simulation.payload_changes)
         self.drives = tuple(
             DriveEmulator(
@@ -94,20 +98,21 @@ class RobotEmulator:
         )
         self._nodes: tuple[EmulatedNode, ...] = (*self.drives, *self.load_cells)
         self._networks: list[canopen.Network] = []
+        self._last_tick = 0.0
         self._stopping = threading.Event()
         self._ticker = threading.Thread(target=self._keep_time, name="emulated devices", daemon=True)
+        node_configs: tuple[DriveConfig | LoadCellConfig, ...] = (*can_config.drives, *can_config.load_cells)
         try:
             for bus in can_config.buses:
-                network = _open(bus)
-                self._networks.append(network)
-                devices = (
-                    *zip(can_config.drives, self.drives, strict=True),
-                    *zip(can_config.load_cells, self.load_cells, strict=True),
-                )
-                for config, node in devices:
+                network = canopen.Network(open_bus(bus))
+                network.NOTIFIER_CYCLE = _LONGEST_CLOSING
+                self._networks.append(network.connect())
+                for config, node in zip(node_configs, self._nodes, strict=True):
                     if config.bus == bus.name:
                         network.add_node(node)
-        except DriverError:
+                nodes = tuple(network.nodes.values())
+                network.subscribe(SYNC_COB_ID, partial(self._on_sync, nodes))
+        except BusError:
             self.close()
             raise
         for node in self._nodes:
@@ -141,6 +146,11 @@ class RobotEmulator:
         return self.machine.failure
 
     @property
+    def lag(self) -> float:
+        """Time by which the plant is behind the clock, s; a few cycles are normal."""
+        return self.machine.now() - self.machine.time
+
+    @property
     def payload(self) -> Payload:
         """What the platform carries now."""
         with self.machine.lock:
@@ -157,8 +167,8 @@ class RobotEmulator:
             When, s on the system clock; a time in the past, or `None`, means now.
         """
         with self.machine.lock:
-            time_of_change = self.machine.now() if at is None else self.machine.from_system_time(at)
-            self.machine.change_payload(payload, time_of_change)
+            time = self.machine.now() if at is None else self.machine.from_system_time(at)
+            self.machine.change_payload(payload, time)
 
     def slack_cables(self) -> tuple[int, ...]:
         """Return the numbers, from 0, of the cables without tension."""
@@ -166,42 +176,39 @@ class RobotEmulator:
             tensions = self.machine.measure().tensions
         return tuple(index for index, tension in enumerate(tensions) if tension <= 0.0)
 
+    def _on_sync(
+        self, nodes: tuple[EmulatedNode, ...], _can_id: int, _data: bytearray, timestamp: float
+    ) -> None:
+        machine = self.machine
+        with machine.lock:
+            time = machine.time_at(timestamp)
+            machine.advance(time)
+            for node in nodes:
+                node.sync(time)
+            if time - self._last_tick >= _TICK:
+                self._tick(time, supervise=True)
+
     def _keep_time(self) -> None:
-        due = time.monotonic()
-        while not self._stopping.is_set():
-            due += _TICK
-            delay = due - time.monotonic()
-            late = delay < -_LATE
-            if delay > 0.0:
-                self._stopping.wait(delay)
-            elif late:
-                due = time.monotonic()
-            try:
-                self._tick(supervise=not late)
-            except DriverError:
-                return  # the plant failed, and `failure` says why
+        machine = self.machine
+        due = machine.now()
+        while True:
+            settled = all(drive.automaton.settled for drive in self.drives)
+            due += _IDLE_TICK if settled else _TICK
+            if self._stopping.wait(max(0.0, due - machine.now())):
+                return
+            with machine.lock:
+                now = machine.now()
+                late = now - due > _LATE
+                if late:
+                    due = now
+                try:
+                    if now - self._last_tick >= _TICK:
+                        machine.advance(now - _PLANT_LAG)
+                        self._tick(now, supervise=not late)
+                except DriverError:
+                    return  # the plant failed, and `failure` says why
 
-    def _tick(self, supervise: bool) -> None:
-        with self.machine.lock:
-            now = self.machine.now()
-            self.machine.advance(now - _PLANT_LAG)
-            for node in self._nodes:
-                node.tick(now, supervise)
-
-
-def _open(bus: BusConfig) -> canopen.Network:
-    """Open a bus for emulated devices.
-
-    Raises
-    ------
-    BusError
-        If its interface cannot be opened.
-    """
-    network = canopen.Network()
-    network.NOTIFIER_CYCLE = 0.1  # s that closing may take
-    options = {} if bus.interface == "virtual" else {"bitrate": bus.bitrate}
-    try:
-        network.connect(interface=bus.interface, channel=bus.channel, **options)
-    except (can.CanError, OSError, ValueError, ImportError) as error:
-        raise BusError(f"bus {bus.name}: cannot open {bus.interface} {bus.channel}: {error}") from error
-    return network
+    def _tick(self, time: float, supervise: bool) -> None:
+        self._last_tick = time
+        for node in self._nodes:
+            node.tick(time, supervise)

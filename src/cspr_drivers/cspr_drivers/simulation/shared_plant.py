@@ -11,16 +11,16 @@ from time import time as system_time
 from typing import Protocol
 
 import numpy as np
-from cspr_kinematics import Payload
 from numpy.typing import NDArray
 
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.simulation_config import PayloadChange
+from cspr_kinematics import Payload
 
 FloatArray = NDArray[np.float64]
 
-# A frame's time stamp further than this from its reception is of another clock (a CAN adapter's own, or a system
-# clock that was set meanwhile): the time of reception counts instead.
+# s. A frame's time stamp further than this from its reception is of another clock (a CAN adapter's own, or a
+# system clock that was set meanwhile): the time of reception counts instead.
 _LARGEST_FRAME_AGE = 1.0
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from cspr_kinematics import KinematicsError, Payload, RigidBody, Robot
 from numpy.typing import NDArray
 
 from cspr_drivers.config_section import ConfigSection
 from cspr_drivers.errors import ConfigurationError
+from cspr_kinematics import KinematicsError, Payload, RigidBody, Robot
 
 FloatArray = NDArray[np.float64]
 

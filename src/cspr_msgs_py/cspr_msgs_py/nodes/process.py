@@ -1,7 +1,6 @@
-"""What every node process does the same way: start, parameters, topics, diagnostics, shutdown."""
+"""What every node process does the same way: start, topics, diagnostics, shutdown."""
 
 import gc
-import math
 import os
 import signal
 import sys
@@ -14,9 +13,7 @@ from typing import Any, Final
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -28,11 +25,23 @@ from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
 from cspr_msgs_py.conversions import diagnostic_array
-from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.message_definitions import message_class
-from cspr_msgs_py.nodes.realtime import set_realtime_priority
+from cspr_msgs_py.nodes.parameters import declare
+from cspr_msgs_py.nodes.scheduling import set_realtime_priority
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
+
+__all__ = [
+    "LEAN_NODE",
+    "Diagnostics",
+    "advertise",
+    "advertise_raw",
+    "declare",
+    "run_nodes",
+    "steady_timer",
+    "subscribe",
+    "subscribe_raw",
+]
 
 LEAN_NODE: Final = {"enable_rosout": False, "start_parameter_services": False}
 """Keyword arguments of :class:`rclpy.node.Node` for nodes of which a process or a graph has many."""
@@ -46,7 +55,8 @@ def run_nodes(factory: Callable[[], Sequence[Node]], args: Sequence[str] | None 
 
     On either signal, and when a callback raises, each node's ``make_safe()`` is called if it has one; the
     node can still publish and call services then. An error that ends the process is one line on stderr that
-    names the node; errors that are defects of the program come with their traceback.
+    names the node; errors that are defects of the program come with their traceback. Must be called from the
+    main thread, as the last thing that the process does: afterwards it ignores both signals.
 
     Parameters
     ----------
@@ -123,9 +133,9 @@ class _Stop:
 def _stop_on_signal() -> Iterator[_Stop]:
     """Turn SIGINT and SIGTERM into a finished future while the block runs.
 
-    rclpy's own handlers would invalidate the context at once, before a node could make its robot safe. Python's
-    run only when the main thread executes Python code, which it does not while the executor waits: so the
-    interpreter's wake-up descriptor tells a thread, and the thread tells the executor.
+    rclpy's own handlers would invalidate the context at once, before a node could make its robot safe.
+    Python's run only when the main thread executes Python code, which it does not while the executor waits:
+    so the interpreter's wake-up descriptor tells a thread, and the thread tells the executor.
     """
     stop = _Stop()
     reading, writing = os.pipe()
@@ -138,14 +148,16 @@ def _stop_on_signal() -> Iterator[_Stop]:
 
     watcher = threading.Thread(target=wait, name="signals", daemon=True)
     watcher.start()
-    previous_descriptor = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-    previous = {number: signal.signal(number, stop.on_signal) for number in _STOP_SIGNALS}
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    for number in _STOP_SIGNALS:
+        signal.signal(number, stop.on_signal)
     try:
         yield stop
     finally:
-        signal.set_wakeup_fd(previous_descriptor)
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        # The process is about to end; a second Ctrl-C must not turn that into a failure.
+        for number in _STOP_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        signal.set_wakeup_fd(-1)
         os.close(writing)
         watcher.join()
         os.close(reading)
@@ -156,14 +168,16 @@ def _spin(nodes: Sequence[Node], stop: Future) -> None:
     try:
         for node in nodes:
             executor.add_node(node)
-        # What exists now stays until the end; the cycle collector need not walk it again, and it runs when we say.
+        # What exists now stays until the end; the cycle collector need not walk it again, and it runs when
+        # we say.
         gc.collect()
         gc.freeze()
         gc.disable()
         for node in nodes:
             node.get_logger().info(f"{node.get_name()} ready")
         while not stop.done() and rclpy.ok():
-            # Without a time-out EventsExecutor's wait can overflow and spin at full load without any callback.
+            # Without a time-out EventsExecutor's wait can overflow and spin at full load without any
+            # callback.
             executor.spin_until_future_complete(stop, timeout_sec=_COLLECTION_PERIOD)
             gc.collect()
     finally:
@@ -217,66 +231,6 @@ def _node_of(error: Exception) -> str | None:
                 with suppress(Exception):  # a node that could not be created has no name yet
                     name = owner.get_name()
     return name
-
-
-def declare(
-    node: Node,
-    name: str,
-    default: Any,
-    description: str,
-    *,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    unit: str = "",
-    read_only: bool = False,
-) -> Any:
-    """Declare a parameter and return its value.
-
-    Parameters
-    ----------
-    node, name, default
-        The default also sets the type: bool, int, float, str or a list of one of these.
-    description, unit : str
-        Shown by ``ros2 param describe``.
-    minimum, maximum : float, optional
-        Inclusive range of an int or a float; checked whenever the parameter is set.
-    read_only : bool
-        Whether it keeps its first value while the node runs.
-
-    Raises
-    ------
-    StartError
-        If the value given on the command line or in a parameter file has another type, lies outside the range
-        or is not finite.
-    """
-    descriptor = ParameterDescriptor(
-        description=f"{description} [{unit}]" if unit else description, read_only=read_only
-    )
-    if minimum is not None or maximum is not None:
-        if isinstance(default, float):
-            low, high = (
-                (-math.inf if minimum is None else minimum),
-                (math.inf if maximum is None else maximum),
-            )
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(low), to_value=float(high))
-            ]
-        else:
-            low, high = (
-                (-(2**63) if minimum is None else minimum),
-                (2**63 - 1 if maximum is None else maximum),
-            )
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
-    try:
-        value = node.declare_parameter(name, default, descriptor).value
-    except ParameterException as error:
-        integer_for_double = isinstance(default, float) and "'INTEGER'" in str(error)
-        hint = "; a double is written with a decimal point: 5.0" if integer_for_double else ""
-        raise StartError(f"parameter {name}: {error}{hint}") from error
-    numbers = [value] if isinstance(value, bool | int | float | str) else value
-    if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
-        raise StartError(f"parameter {name}: {value} is not a finite number")
-    return value
 
 
 def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:

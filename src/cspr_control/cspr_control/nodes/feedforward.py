@@ -1,0 +1,209 @@
+"""feedforward: from the reference to the set-points of all motors."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import InertiaStamped
+from rclpy.node import Node
+
+from cspr_control.errors import PayloadError, SettingError
+from cspr_control.feedforward import (
+    Feedforward,
+    FeedforwardModel,
+    FeedforwardSettings,
+    PayloadSource,
+    PayloadStatus,
+    Setpoint,
+    checked_payload,
+)
+from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.reference import ReferencePoint
+from cspr_kinematics import Acceleration, KinematicsError, Pose, Twist
+from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
+from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
+from cspr_msgs_py.reference import ReferenceCodec
+from cspr_msgs_py.reference_conversion import decode_reference
+from cspr_msgs_py.topics import PAYLOAD, REFERENCE, SETPOINT, motor_names
+
+
+class FeedforwardNode(Node):
+    """Answers each reference with a set-point of the same stamp."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("feedforward", **options)
+        robot = declare_robot(self)
+        names = self._declare_settings()
+        parameters = ChangeableParameters(self, names, _settings, self._apply)
+        self._feedforward = Feedforward(robot, parameters.settings)
+        self._reference_codec = ReferenceCodec()
+        self._codec = JointStateCodec(motor_names(robot.number_of_cables))
+        self._newest: Setpoint | None = None
+        self._setpoints = 0
+        self._setpoints_reported = 0
+        self._infeasible = 0
+        self._infeasible_reported = 0
+        self._refused_references = 0
+        self._refused_payloads = 0
+        self._problem = ""
+        self._publisher = advertise(self, SETPOINT)
+        subscribe_raw(self, REFERENCE, self._on_reference)
+        subscribe(self, PAYLOAD, self._on_payload)
+        self._diagnostics = Diagnostics(self, self._status)
+        # The first computation is slower than the others; it must not fall into a control cycle.
+        Feedforward(robot, parameters.settings).compute(0.0, ReferencePoint.at_rest(robot.home))
+
+    def _declare_settings(self) -> tuple[str, ...]:
+        default = FeedforwardSettings()
+        models = ", ".join(model.value for model in FeedforwardModel)
+        sources = ", ".join(source.value for source in PayloadSource)
+        declare(self, "model", default.model.value, f"What the torque anticipates: {models}")
+        declare(self, "payload_source", default.payload_source.value, f"Payload counted on: {sources}")
+        declare(
+            self,
+            "nominal_payload_mass",
+            default.nominal_payload.mass,
+            "Payload assumed without an estimate",
+            minimum=0.0,
+            maximum=1e5,
+            unit="kg",
+        )
+        declare(self, "nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", unit="m")
+        declare(
+            self,
+            "max_payload",
+            default.max_payload,
+            "Largest payload",
+            minimum=0.1,
+            maximum=1e5,
+            unit="kg",
+        )
+        declare(
+            self,
+            "payload_timeout",
+            default.payload_timeout,
+            "Age from which an estimate counts as stale",
+            minimum=1e-3,
+            maximum=60.0,
+            unit="s",
+        )
+        declare(
+            self,
+            "switch_slew",
+            default.switch_slew,
+            "Fastest change of a motor's torque by a switch of model or payload",
+            minimum=1e-3,
+            maximum=1e4,
+            unit="N m/s",
+        )
+        return (
+            "model",
+            "payload_source",
+            "nominal_payload_mass",
+            "nominal_payload_center",
+            "max_payload",
+            "payload_timeout",
+            "switch_slew",
+        )
+
+    def _apply(self, settings: FeedforwardSettings) -> None:
+        self._feedforward.configure(settings)
+
+    def _on_payload(self, message: InertiaStamped) -> None:
+        _, mass, center_of_mass = from_inertia_stamped(message)
+        try:
+            self._feedforward.set_estimate(time.monotonic(), mass, center_of_mass)
+        except PayloadError as error:
+            self._refused_payloads += 1
+            self._problem = str(error)
+
+    def _on_reference(self, message: bytes) -> None:
+        try:
+            sample = decode_reference(self._reference_codec, message)
+            reference = ReferencePoint(
+                Pose.from_quaternion(sample.position, sample.quaternion_xyzw),
+                Twist(sample.linear_velocity, sample.angular_velocity),
+                Acceleration(sample.linear_acceleration, sample.angular_acceleration),
+            )
+            setpoint = self._feedforward.compute(time.monotonic(), reference)
+        except (MessageError, KinematicsError) as error:
+            # A reference that is not finite ends here; without a set-point the motor controllers fall silent.
+            self._refused_references += 1
+            self._problem = str(error)
+            return
+        self._publisher.publish(
+            self._codec.encode(sample.stamp_ns, setpoint.position, setpoint.velocity, setpoint.effort)
+        )
+        self._newest = setpoint
+        self._setpoints += 1
+        self._infeasible += not setpoint.feasible
+
+    def _status(self) -> list[DiagnosticStatus]:
+        newest = self._newest
+        settings = self._feedforward.settings
+        level, text = Level.OK, "answering references"
+        if newest is None or self._setpoints == self._setpoints_reported:
+            level, text = Level.STALE, "no references"
+        elif self._infeasible > self._infeasible_reported:
+            level, text = Level.WARN, "the wrench is out of reach of the cables; they give the closest one"
+        elif newest.payload_status is PayloadStatus.HELD:
+            level, text = Level.WARN, "the payload estimate is stale and held"
+        elif newest.payload_status is PayloadStatus.AWAITED:
+            level, text = Level.WARN, "no payload estimate has arrived; the nominal payload is used"
+        self._setpoints_reported, self._infeasible_reported = self._setpoints, self._infeasible
+        values: dict[str, Any] = {
+            "model": settings.model.value,
+            "payload_source": settings.payload_source.value,
+            "setpoints": self._setpoints,
+            "infeasible_setpoints": self._infeasible,
+            "refused_references": self._refused_references,
+            "refused_payloads": self._refused_payloads,
+            "last_problem": self._problem,
+        }
+        if newest is not None:
+            values |= {
+                "payload_status": newest.payload_status.value,
+                "payload_mass": f"{newest.payload.mass:.3f}",
+                "lowest_tension": f"{newest.tensions.min():.1f}",
+                "highest_tension": f"{newest.tensions.max():.1f}",
+                "wrench_residual": f"{newest.wrench_residual:.3g}",
+            }
+        return [diagnostic_status(self.get_name(), level, text, values)]
+
+
+def _settings(values: dict[str, Any]) -> FeedforwardSettings:
+    try:
+        model = FeedforwardModel(values["model"])
+        source = PayloadSource(values["payload_source"])
+    except ValueError as error:
+        raise SettingError(
+            f"{error}; models are {', '.join(m.value for m in FeedforwardModel)}, payload sources "
+            f"{', '.join(s.value for s in PayloadSource)}"
+        ) from error
+    return FeedforwardSettings(
+        model=model,
+        payload_source=source,
+        nominal_payload=checked_payload(
+            "nominal payload",
+            values["nominal_payload_mass"],
+            values["nominal_payload_center"],
+            values["max_payload"],
+        ),
+        max_payload=values["max_payload"],
+        payload_timeout=values["payload_timeout"],
+        switch_slew=values["switch_slew"],
+    )
+
+
+def main() -> int:
+    """Run the feed-forward."""
+    return run_nodes(lambda: [FeedforwardNode()])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,258 @@
+"""trajectory_publisher: the reference of the platform, one point a control cycle."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from cspr_control.errors import ControlError, TrajectoryError
+from cspr_control.nodes.parameters import ChangeableParameters, declare_control_period, declare_robot
+from cspr_control.point_to_point import MotionLimits
+from cspr_control.reference import ReferencePoint
+from cspr_control.supervision import RobotState
+from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.trajectory_player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_kinematics import KinematicsError, Pose
+from cspr_msgs_py.conversions import Level, diagnostic_status, from_diagnostic_status, from_pose_stamped
+from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.joint_state_conversion import decode_joint_state
+from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
+from cspr_msgs_py.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.topics import (
+    MOTOR_STATES,
+    PLATFORM_POSE,
+    REFERENCE,
+    ROBOT_STATE,
+    TRAJECTORY_STATE,
+    motor_names,
+)
+
+_FOLLOWING_STATES = (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING)
+"""States in which the motors follow, or are about to follow, the reference."""
+
+_LIMITS = {
+    "speed": ("Speed limit of approach and move", 0.2, 10.0, "m/s"),
+    "acceleration": ("Acceleration limit of approach and move", 0.3, 100.0, "m/s^2"),
+    "angular_speed": ("Angular speed limit of approach and move", 0.2, 10.0, "rad/s"),
+    "angular_acceleration": ("Angular acceleration limit of approach and move", 0.4, 100.0, "rad/s^2"),
+}
+
+
+class TrajectoryPublisher(Node):
+    """Plays the trajectory that the parameter ``trajectory`` names, from service ``start`` on.
+
+    Each motor state is answered with the reference for one control period later. While the robot is not
+    enabled the reference stays at the newest measured pose, so that enabling begins without a jump.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("trajectory_publisher", **options)
+        self._robot = declare_robot(self)
+        self._period = round(declare_control_period(self) * SECOND)
+        names = self._declare_options()
+        self._options = ChangeableParameters(self, names, self._build, self._apply)
+        dwell = declare(
+            self,
+            "dwell",
+            1.0,
+            "Rest at the start of a trajectory before it begins",
+            minimum=0.0,
+            maximum=60.0,
+            unit="s",
+            read_only=True,
+        )
+        stop_time = declare(
+            self,
+            "stop_time",
+            0.5,
+            "Time to come to rest along the path",
+            minimum=0.01,
+            maximum=10.0,
+            unit="s",
+            read_only=True,
+        )
+        self._player = TrajectoryPlayer(self._options.settings[1].limits, dwell, stop_time)
+        self._robot_state: RobotState | None = None
+        self._unusable = 0
+        self._problem = ""
+        self._references = 0
+        self._published_state: tuple[object, ...] = ()
+        self._states_codec = JointStateCodec(motor_names(self._robot.number_of_cables))
+        self._codec = ReferenceCodec()
+        self._publisher = advertise(self, REFERENCE)
+        self._state_publisher = advertise(self, TRAJECTORY_STATE)
+        subscribe_raw(self, MOTOR_STATES, self._on_states)
+        subscribe(self, PLATFORM_POSE, self._on_pose)
+        subscribe(self, ROBOT_STATE, self._on_robot_state)
+        self.create_service(Trigger, "/trajectory_publisher/start", self._on_start)
+        self.create_service(Trigger, "/trajectory_publisher/stop", self._on_stop)
+        self._diagnostics = Diagnostics(self, self._status)
+        self._publish_state()
+
+    def _declare_options(self) -> tuple[str, ...]:
+        home = self._robot.home
+        known = ", ".join(name.value for name in TrajectoryName)
+        declare(self, "trajectory", "paper-19", f"Trajectory that the next start plays: {known}")
+        declare(self, "move_position", home.position.tolist(), "Where move leads, in base", unit="m")
+        declare(
+            self,
+            "move_orientation",
+            home.euler.tolist(),
+            "Angles alpha, beta, gamma about z, y, x that move leads to",
+            unit="rad",
+        )
+        declare(
+            self,
+            "blend_time",
+            1.0,
+            "Time from rest to full pace of the smooth trajectories",
+            minimum=1e-3,
+            maximum=60.0,
+            unit="s",
+        )
+        declare(self, "hold_duration", 10.0, "How long hold lasts", minimum=0.0, maximum=1e6, unit="s")
+        for name, (description, default, maximum, unit) in _LIMITS.items():
+            declare(self, name, default, description, minimum=1e-3, maximum=maximum, unit=unit)
+        return (
+            "trajectory",
+            "move_position",
+            "move_orientation",
+            "blend_time",
+            "hold_duration",
+            *_LIMITS,
+        )
+
+    def _build(self, values: dict[str, Any]) -> tuple[TrajectoryName, TrajectoryOptions]:
+        name = TrajectoryName.parse(values["trajectory"])
+        for vector in ("move_position", "move_orientation"):
+            if len(values[vector]) != 3:
+                raise TrajectoryError(f"{vector} has {len(values[vector])} elements; 3 are needed")
+        options = TrajectoryOptions(
+            limits=MotionLimits(**{limit: values[limit] for limit in _LIMITS}),
+            goal=Pose.from_euler(values["move_position"], *values["move_orientation"]),
+            blend_time=values["blend_time"],
+            hold_duration=values["hold_duration"],
+        )
+        # Anything that does not fit is refused now rather than at the start.
+        make_trajectory(name, self._robot, self._robot.home, options)
+        return name, options
+
+    def _apply(self, settings: tuple[TrajectoryName, TrajectoryOptions]) -> None:
+        self._player.limits = settings[1].limits
+
+    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            if self._robot_state is not RobotState.ENABLED:
+                state = self._robot_state.value if self._robot_state else "unknown"
+                raise TrajectoryError(f"the robot is in state {state}; enable it first")
+            present = self._player.held_pose  # where it rests; if it does not, start refuses
+            if present is None:
+                raise TrajectoryError("no pose of the platform is known yet")
+            name, options = self._options.settings
+            self._player.start(make_trajectory(name, self._robot, present, options))
+        except (ControlError, KinematicsError) as error:
+            response.message = f"refused: {error}"
+            return response
+        response.success = True
+        response.message = f"{self._player.trajectory_name} begins at {self._player.start_time} ns"
+        self._publish_state()
+        return response
+
+    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._player.stop()
+        self._publish_state()
+        response.success = True
+        response.message = f"the trajectory is in phase {self._player.phase.value}"
+        return response
+
+    def _on_robot_state(self, message: DiagnosticStatus) -> None:
+        _, _, state, _ = from_diagnostic_status(message)
+        try:
+            self._robot_state = RobotState(state)
+        except ValueError:
+            self._robot_state = None
+            self._refuse(f"{ROBOT_STATE.name} carries an unknown state, {state!r}")
+        if self._robot_state not in _FOLLOWING_STATES:
+            self._player.stop()
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        if self._robot_state in _FOLLOWING_STATES:
+            return
+        _, position, quaternion = from_pose_stamped(message)
+        try:
+            self._player.hold(Pose.from_quaternion(position, quaternion))
+        except KinematicsError as error:
+            self._refuse(str(error))
+
+    def _on_states(self, message: bytes) -> None:
+        try:
+            stamp = decode_joint_state(self._states_codec, message).stamp_ns + self._period
+        except MessageError as error:
+            self._refuse(str(error))
+            return
+        reference = self._player.sample(stamp)
+        if reference is not None:
+            self._references += 1
+            self._publisher.publish(self._codec.encode(self._sample(stamp, reference)))
+        self._publish_state()
+
+    def _sample(self, stamp: int, reference: ReferencePoint) -> ReferenceSample:
+        running = self._player.phase is TrajectoryPhase.RUNNING
+        return ReferenceSample(
+            stamp_ns=stamp,
+            time_from_start=(stamp - self._player.start_time) / SECOND if running else 0.0,
+            position=reference.pose.position,
+            quaternion_xyzw=reference.pose.quaternion,
+            linear_velocity=reference.twist.linear,
+            angular_velocity=reference.twist.angular,
+            linear_acceleration=reference.acceleration.linear,
+            angular_acceleration=reference.acceleration.angular,
+        )
+
+    def _refuse(self, problem: str) -> None:
+        self._unusable += 1
+        self._problem = problem
+
+    def _publish_state(self) -> None:
+        player = self._player
+        state = (player.phase, player.trajectory_name, player.start_time, player.end_time)
+        if state == self._published_state:
+            return
+        self._published_state = state
+        values = {
+            "trajectory": player.trajectory_name,
+            "start_time": player.start_time,
+            "end_time": player.end_time,
+        }
+        self._state_publisher.publish(
+            diagnostic_status(self.get_name(), Level.OK, player.phase.value, values)
+        )
+
+    def _status(self) -> list[DiagnosticStatus]:
+        name, _ = self._options.settings
+        idle = self._player.phase is TrajectoryPhase.IDLE
+        values = {
+            "selected": name.value,
+            "trajectory": self._player.trajectory_name,
+            "references": self._references,
+            "unusable_messages": self._unusable,
+            "last_problem": self._problem,
+        }
+        level = Level.STALE if idle else Level.OK
+        text = "no platform pose has arrived" if idle else self._player.phase.value
+        return [diagnostic_status(self.get_name(), level, text, values)]
+
+
+def main() -> int:
+    """Run the trajectory publisher."""
+    return run_nodes(lambda: [TrajectoryPublisher()])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,342 @@
+"""The driver of all drives: it owns the control cycle, sends torques, and keeps the drives safe.
+
+Three kinds of threads meet here: the cycle clock, the receiving thread of each bus, and whoever calls
+`command` and the operator's methods. All share one lock, which is not held while motor states are published.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+
+import can
+
+from cspr_drivers.can_bus import CanPorts
+from cspr_drivers.can_config import CanConfig
+from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
+from cspr_drivers.command_check import CommandCheck, CommandFault
+from cspr_drivers.commissioning import Commissioning
+from cspr_drivers.cycle import Cycle
+from cspr_drivers.cycle_clock import CycleClock
+from cspr_drivers.device_parameters import drive_identity, drive_mode, drive_parameters
+from cspr_drivers.drive_group import IN_MOTION, DriveGroup, GroupState
+from cspr_drivers.drive_report import DriveReport, MotorStates
+from cspr_drivers.drive_status import DriveStatus
+from cspr_drivers.errors import BusError, DeviceError
+from cspr_drivers.frame_table import (
+    POSITION_ACTUAL,
+    STATUS_WORD,
+    TORQUE_ACTUAL,
+    FunctionCode,
+    cob_id,
+)
+from cspr_drivers.motor_speed import PositionDifference
+from cspr_drivers.torque_frames import torque_frames
+
+OPERATIONAL = 5  # NMT state in the heartbeat (CiA 301, section 7.2.8.3.2)
+
+
+class DriveMaster:
+    """Driver of the m drives of a configuration.
+
+    Parameters
+    ----------
+    config
+        Buses, drives, times.
+    ports
+        The open buses; they stay open when the driver stops.
+    publish
+        Given the motor states of each cycle, in the receiving thread, as soon as the last drive has answered.
+    report
+        Given lines for the log.
+    """
+
+    def __init__(
+        self,
+        config: CanConfig,
+        ports: CanPorts,
+        publish: Callable[[MotorStates], None],
+        report: Callable[[str], None],
+    ) -> None:
+        self._config = config
+        self._ports = ports
+        self._publish = publish
+        count = len(config.drives)
+        self._lock = threading.Lock()
+        self._group = DriveGroup(
+            [drive.name for drive in config.drives], config.brake_open_bit, config.timeouts
+        )
+        self._cycle = Cycle(count)
+        self._speed = PositionDifference()
+        self._checks = [
+            CommandCheck(drive.units.torque_limit, config.timeouts.command) for drive in config.drives
+        ]
+        self._angles = [0.0] * count
+        self._torques = [0.0] * count
+        self._sync_time = 0.0
+        self._sync_stamp = 0
+        self._published_stamp = 0
+        self._command_stamps = [0] * count
+        self._frames = torque_frames(config, ports)
+        self._rejected = 0
+        self._last_rejection = ""
+        tpdo = config.pdo.drive_tpdo
+        self._status_place = tpdo.position(STATUS_WORD)
+        self._position_place = tpdo.position(POSITION_ACTUAL)
+        self._torque_place = tpdo.position(TORQUE_ACTUAL)
+        self._heartbeat = can.Message(
+            arbitration_id=cob_id(FunctionCode.HEARTBEAT, config.master_node_id),
+            data=[OPERATIONAL],
+            is_extended_id=False,
+        )
+        self._heartbeat_due = 0.0
+        self._other_driver = threading.Event()
+        self._clock = CycleClock(config.period, self._tick)
+        self._commissioning = Commissioning(
+            [str(drive) for drive in config.drives], self._configure, self._may_configure, report
+        )
+        self._devices = [
+            CanopenDevice(
+                str(drive),
+                ports[drive.bus],
+                drive.node_id,
+                config.timeouts.sdo,
+                on_boot=partial(self._booted, index),
+                on_emergency=partial(self._emergency, index),
+            )
+            for index, drive in enumerate(config.drives)
+        ]
+
+    def start(self) -> None:
+        """Begin to send SYNC and heartbeat, and to configure the drives.
+
+        Raises
+        ------
+        BusError
+            If another driver is active on one of the buses.
+        """
+        heartbeat = self._heartbeat.arbitration_id
+        for port in self._ports:
+            port.subscribe(heartbeat, lambda data, now: self._other_driver.set())
+        if self._other_driver.wait(1.5 * self._config.timeouts.heartbeat_producer):
+            raise BusError(
+                "another driver is active on the CAN bus: "
+                f"its heartbeat as node {self._config.master_node_id} was seen"
+            )
+        for index, drive in enumerate(self._config.drives):
+            self._ports[drive.bus].subscribe(
+                cob_id(FunctionCode.TPDO1, drive.node_id), partial(self._feedback, index)
+            )
+        self._ports.on_sync(self._begin_cycle)
+        self._clock.start()
+        self._commissioning.start()
+
+    def stop(self) -> None:
+        """Close the brakes, wait until they hold (no longer than a limit), and leave the bus."""
+        self.disable()
+        deadline = time.monotonic() + 2.0 * self._config.timeouts.stop
+        while self._clock.running and time.monotonic() < deadline and not self._at_rest():
+            time.sleep(self._config.period)
+        self._commissioning.stop()
+        for device in self._devices:
+            try:
+                device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+            except DeviceError:
+                break  # the bus takes no frames; the drives notice the missing heartbeat
+        self._clock.stop()
+
+    # Torque commands.
+
+    def command(self, index: int, stamp_ns: int, torque: float) -> None:
+        """Send a torque, N m, to a drive at once, if it may have it; else stop the drives.
+
+        Parameters
+        ----------
+        index
+            Of the drive.
+        stamp_ns
+            Stamp of the motor states that the command answers.
+        torque
+            At the motor shaft, N m; positive pays out.
+        """
+        with self._lock:
+            fault = self._checks[index].fault(torque, 1e-9 * (self._published_stamp - stamp_ns))
+            if fault is not None:
+                self._refuse(index, f"torque command of {torque:g} N m {fault.value}")
+                return
+            if stamp_ns < self._command_stamps[index]:
+                self._cycle.command(index, fresh=False, time=0.0)  # overtaken by a newer one
+                return
+            self._command_stamps[index] = stamp_ns
+            now = time.monotonic()
+            self._group.commanded(index, now)
+            if self._group.state is GroupState.FAULT:
+                return  # the torque stays what it was when the fault came, until the brakes hold
+            frame = self._frames[index]
+            frame.torque = self._config.drives[index].units.per_mille(torque)
+            if frame.send(self._group.control_words[index]):
+                self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=time.monotonic())
+
+    def reject_command(self, index: int, problem: str) -> None:
+        """Count a command that could not be read; stop the drives when they are in motion."""
+        with self._lock:
+            self._refuse(index, f"{CommandFault.UNREADABLE.value} torque command: {problem}")
+
+    # The operator's commands.
+
+    def enable(self) -> str | None:
+        """Begin to release the brakes; return why not when that is refused."""
+        with self._lock:
+            refusal = self._group.enable(time.monotonic())
+            if refusal is None:
+                self._cycle.clear()
+            return refusal
+
+    def disable(self) -> None:
+        """Begin to close the brakes and to take the torque away."""
+        with self._lock:
+            self._group.disable(time.monotonic())
+            self._send_changed()
+
+    def quick_stop(self, cause: str) -> None:
+        """Stop all drives at once and latch the cause."""
+        with self._lock:
+            self._group.quick_stop(cause, time.monotonic())
+            self._send_changed()
+
+    def fault_reset(self) -> str | None:
+        """Begin to reset faults and the latched cause; return why not when that is refused."""
+        with self._lock:
+            return self._group.fault_reset(time.monotonic())
+
+    def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
+        """Return state and cause of the group, and the state of each drive."""
+        with self._lock:
+            return self._group.state, self._group.cause, self._group.drives
+
+    def snapshot(self) -> DriveReport:
+        """Return the present state."""
+        with self._lock:
+            return DriveReport(
+                self._group.state,
+                self._group.cause,
+                self._group.drives,
+                self._commissioning.problems,
+                self._cycle.statistics(),
+                self._rejected,
+                self._last_rejection,
+                self._clock.skipped,
+                self._clock.worst_lateness,
+                self._clock.running,
+            )
+
+    # The cycle.
+
+    def _tick(self, now: float) -> None:
+        """Run in the clock's thread, so that a driver that hangs sends no heartbeat either."""
+        self._ports.send_sync()
+        if now >= self._heartbeat_due:
+            self._heartbeat_due = now + self._config.timeouts.heartbeat_producer
+            for port in self._ports:
+                port.send(self._heartbeat)
+        with self._lock:
+            self._watch_heartbeats(now)
+            self._group.step(now)
+            for index, frame in enumerate(self._frames):
+                word = self._group.control_words[index]
+                repeat = not (frame.sent or self._group.settled(index))
+                known = self._group.drives[index].state is not None
+                if known and (repeat or word != frame.control_word):
+                    frame.send(word)
+                frame.sent = False
+
+    def _begin_cycle(self, now: float, stamp_ns: int) -> None:
+        with self._lock:
+            self._cycle.sync(counted=self._group.state is GroupState.ENABLED)
+            self._sync_time = now
+            self._sync_stamp = stamp_ns
+
+    def _feedback(self, index: int, data: bytes | bytearray, now: float) -> None:
+        values = self._config.pdo.drive_tpdo.decode(data)
+        units = self._config.drives[index].units
+        with self._lock:
+            self._group.feedback(index, values[self._status_place], now)
+            self._angles[index] = units.angle(values[self._position_place])
+            self._torques[index] = units.torque(values[self._torque_place])
+            if not self._cycle.feedback(index, now):
+                return
+            angles = tuple(self._angles)
+            speeds = self._speed.update(self._sync_time, angles)
+            if speeds is None:
+                return  # the first cycle has no speed yet
+            self._published_stamp = self._sync_stamp
+            states = MotorStates(self._sync_stamp, angles, tuple(speeds), tuple(self._torques))
+        self._publish(states)
+
+    def _send_changed(self) -> None:
+        for index, (frame, word) in enumerate(zip(self._frames, self._group.control_words, strict=True)):
+            if word != frame.control_word and not self._group.settled(index):
+                frame.send(word)
+
+    def _refuse(self, index: int, problem: str) -> None:
+        self._rejected += 1
+        self._last_rejection = f"{self._config.drives[index].name}: {problem}"
+        if self._group.state in IN_MOTION:
+            self._group.quick_stop(self._last_rejection, time.monotonic())
+            self._send_changed()
+
+    def _at_rest(self) -> bool:
+        with self._lock:
+            return self._group.state not in IN_MOTION and self._group.held
+
+    # The devices.
+
+    def _configure(self, index: int) -> None:
+        """Take a drive in; run by the commissioning thread."""
+        try:
+            self._set_up(index)
+        except DeviceError as error:
+            with self._lock:
+                self._group.lost(index, error.problem, time.monotonic())
+            raise
+        with self._lock:
+            self._group.configured(index)
+
+    def _set_up(self, index: int) -> None:
+        """Bring a drive from wherever it is to NMT operational."""
+        device = self._devices[index]
+        drive = self._config.drives[index]
+        device.check(drive_identity(drive)[:1])
+        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        device.check(drive_identity(drive)[1:])
+        device.write(drive_parameters(self._config, drive))
+        device.wait_for(drive_mode())
+        device.expect_heartbeat(time.monotonic())
+        device.command(NmtCommand.START)
+
+    def _may_configure(self) -> bool:
+        with self._lock:
+            return self._group.state not in IN_MOTION and self._group.held
+
+    def _watch_heartbeats(self, now: float) -> None:
+        for index, (device, drive) in enumerate(zip(self._devices, self._group.drives, strict=True)):
+            if not drive.unavailable:
+                age = device.heartbeat_age(now)
+                if age > self._config.timeouts.heartbeat_consumer:
+                    self._lose(index, f"no heartbeat for {1e3 * age:.0f} ms", now)
+
+    def _booted(self, index: int) -> None:
+        with self._lock:
+            self._lose(index, "restarted", time.monotonic())
+
+    def _lose(self, index: int, reason: str, now: float) -> None:
+        self._group.lost(index, reason, now)
+        self._frames[index].control_word = None
+        self._commissioning.request(index, reason)
+
+    def _emergency(self, index: int, error_code: int) -> None:
+        with self._lock:
+            # Codes 00xxh say that the error is gone (CiA 301, section 7.2.7.1).
+            self._group.emergency(index, error_code if error_code & 0xFF00 else 0)

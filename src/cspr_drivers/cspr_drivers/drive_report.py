@@ -1,0 +1,51 @@
+"""What the driver of the drives tells others: motor states each cycle, and its own state on request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cspr_drivers.cycle import CycleStatistics
+from cspr_drivers.drive_group import GroupState
+from cspr_drivers.drive_status import DriveStatus
+
+
+@dataclass(frozen=True)
+class MotorStates:
+    """What all drives reported in one cycle: stamp in ns of ROS time; rad, rad/s, N m, each (m,)."""
+
+    stamp_ns: int
+    angles: tuple[float, ...]
+    speeds: tuple[float, ...]
+    torques: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class DriveReport:
+    """State of the driver at one moment.
+
+    Attributes
+    ----------
+    state, cause, drives
+        Of the group of drives.
+    not_configured
+        Devices that are not configured, with the reason.
+    statistics
+        Of the cycles since the drives were last enabled, while they are.
+    rejected_commands, last_rejection
+        Commands that were not passed on, and the newest of them in words.
+    skipped_cycles, worst_lateness
+        Of the clock: SYNC frames left out, and the largest delay of one, s.
+    clock_running
+        Whether SYNC frames go out.
+    """
+
+    state: GroupState
+    cause: str
+    drives: tuple[DriveStatus, ...]
+    not_configured: dict[str, str]
+    statistics: CycleStatistics
+    rejected_commands: int
+    last_rejection: str
+    skipped_cycles: int
+    worst_lateness: float
+    clock_running: bool

@@ -1,0 +1,187 @@
+"""The driver of all load-cell amplifiers: the tensions of one cycle together, or not at all."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from cspr_drivers.can_bus import CanPorts
+from cspr_drivers.can_config import CanConfig
+from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
+from cspr_drivers.cia404 import status_text
+from cspr_drivers.commissioning import Commissioning
+from cspr_drivers.device_parameters import load_cell_identity, load_cell_parameters, load_cell_tare
+from cspr_drivers.errors import DeviceError
+from cspr_drivers.frame_table import INPUT_STATUS, PROCESS_VALUE, FunctionCode, cob_id
+from cspr_drivers.tension_cycle import TensionCycle, TensionStatistics
+
+NO_SYNC = 1.0  # s without SYNC after which its absence is reported
+
+
+@dataclass(frozen=True)
+class LoadCellReport:
+    """State of the driver at one moment.
+
+    Attributes
+    ----------
+    sync_age
+        Time since the last SYNC, s; `None` before the first.
+    statistics
+        Of the cycles since the driver started.
+    not_configured
+        Devices that are not configured, with the reason.
+    tare_result
+        Outcome of the last taring, empty before it.
+    """
+
+    sync_age: float | None
+    statistics: TensionStatistics
+    not_configured: dict[str, str]
+    tare_result: str
+
+
+class LoadCellMaster:
+    """Driver of the m load cells of a configuration.
+
+    Parameters
+    ----------
+    config
+        Buses, load cells, times.
+    ports
+        The open buses; they stay open when the driver stops.
+    publish
+        Given stamp (ns of ROS time) and tensions (m,), N, in the receiving thread, as soon as the last cell
+        of a cycle has answered.
+    report
+        Given lines for the log.
+    """
+
+    def __init__(
+        self,
+        config: CanConfig,
+        ports: CanPorts,
+        publish: Callable[[int, tuple[float, ...]], None],
+        report: Callable[[str], None],
+    ) -> None:
+        self._config = config
+        self._ports = ports
+        self._publish = publish
+        self._report = report
+        self._lock = threading.Lock()
+        self._cycle = TensionCycle([cell.name for cell in config.load_cells])
+        self._sync_time: float | None = None
+        self._tare_result = ""
+        self._taring: threading.Thread | None = None
+        self._value_place = config.pdo.load_cell_tpdo.position(PROCESS_VALUE)
+        self._status_place = config.pdo.load_cell_tpdo.position(INPUT_STATUS)
+        self._commissioning = Commissioning(
+            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report
+        )
+        self._devices = [
+            CanopenDevice(
+                str(cell),
+                ports[cell.bus],
+                cell.node_id,
+                config.timeouts.sdo,
+                on_boot=partial(self._commissioning.request, index, "restarted"),
+            )
+            for index, cell in enumerate(config.load_cells)
+        ]
+
+    def start(self) -> None:
+        """Begin to configure the amplifiers and to listen to them."""
+        for index, cell in enumerate(self._config.load_cells):
+            self._ports[cell.bus].subscribe(
+                cob_id(FunctionCode.TPDO1, cell.node_id), partial(self._measured, index)
+            )
+        self._ports.on_sync(self._begin_cycle)
+        self._commissioning.start()
+
+    def stop(self) -> None:
+        """Leave the bus."""
+        self._commissioning.stop()
+        if self._taring is not None:
+            self._taring.join(timeout=2.0)
+        for device in self._devices:
+            try:
+                device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+            except DeviceError:
+                break  # the bus takes no frames
+
+    def tare(self, limit: float) -> str | None:
+        """Begin to make the present tensions zero; return why not when that is refused.
+
+        Parameters
+        ----------
+        limit
+            Largest absolute tension, N, with which a cable still counts as slack.
+        """
+        if self._commissioning.problems:
+            return f"not configured: {', '.join(self._commissioning.problems)}"
+        with self._lock:
+            refusal = self._cycle.tare_refusal(limit)
+        if refusal is None and self._taring is not None and self._taring.is_alive():
+            refusal = "taring is under way"
+        if refusal is None:
+            self._taring = threading.Thread(target=self._tare, name="tare", daemon=True)
+            self._taring.start()
+        return refusal
+
+    def watch(self, now: float) -> None:
+        """Have amplifiers whose heartbeat is missing configured again. Called about once a second."""
+        waiting = self._commissioning.problems
+        for index, device in enumerate(self._devices):
+            age = device.heartbeat_age(now)
+            if device.name not in waiting and age > self._config.timeouts.heartbeat_consumer:
+                reason = f"no heartbeat for {1e3 * age:.0f} ms"
+                self._report(f"{device.name}: {reason}")
+                self._commissioning.request(index, reason)
+
+    def snapshot(self, now: float) -> LoadCellReport:
+        """Return the present state."""
+        with self._lock:
+            return LoadCellReport(
+                None if self._sync_time is None else now - self._sync_time,
+                self._cycle.statistics(),
+                self._commissioning.problems,
+                self._tare_result,
+            )
+
+    def _begin_cycle(self, now: float, stamp_ns: int) -> None:
+        with self._lock:
+            self._sync_time = now
+            self._cycle.sync(stamp_ns)
+
+    def _measured(self, index: int, data: bytes | bytearray, now: float) -> None:
+        del now
+        values = self._config.pdo.load_cell_tpdo.decode(data)
+        tension = self._config.load_cells[index].units.tension(values[self._value_place])
+        status = values[self._status_place]
+        with self._lock:
+            complete = self._cycle.measured(index, tension, status_text(status) if status else "")
+        if complete is not None:
+            self._publish(complete.stamp_ns, complete.tensions)
+
+    def _configure(self, index: int) -> None:
+        """Bring an amplifier from wherever it is to NMT operational; run by the commissioning thread."""
+        device = self._devices[index]
+        device.check(load_cell_identity())
+        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        device.write(load_cell_parameters(self._config, self._config.load_cells[index]))
+        device.expect_heartbeat(time.monotonic())
+        device.command(NmtCommand.START)
+
+    def _tare(self) -> None:
+        result = "all load cells tared"
+        for device in self._devices:
+            try:
+                device.write((load_cell_tare(),))
+            except DeviceError as error:
+                result = f"taring ended: {error}"
+                break
+        with self._lock:
+            self._tare_result = result
+        self._report(result)

@@ -1,0 +1,87 @@
+"""What the drivers' nodes say about themselves, as diagnostic statuses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from cspr_drivers.can_bus import CanPort
+from cspr_drivers.drive_group import GroupState
+from cspr_drivers.drive_report import DriveReport
+from cspr_drivers.drive_status import DriveStatus
+from cspr_drivers.load_cell_master import NO_SYNC, LoadCellReport
+from cspr_msgs_py.conversions import Level, diagnostic_status
+
+_LEVELS = {GroupState.FAULT: Level.ERROR, GroupState.NOT_READY: Level.WARN}
+
+
+def drive_states(state: GroupState, cause: str, drives: Sequence[DriveStatus]) -> list[DiagnosticStatus]:
+    """Return the statuses of /drive_states: the drives as a whole, then each one."""
+    statuses = [diagnostic_status("can_drives", _LEVELS.get(state, Level.OK), state.value, {"cause": cause})]
+    for drive in drives:
+        level = Level.ERROR if drive.unavailable else Level.OK
+        values = {
+            "brake": "unknown" if drive.state is None else "open" if drive.brake_open else "closed",
+            "error_code": f"0x{drive.error_code:04X}",
+            "statusword": f"0x{drive.status_word:04X}",
+            "unavailable": drive.unavailable,
+        }
+        statuses.append(diagnostic_status(drive.name, level, drive.state_name, values))
+    return statuses
+
+
+def drive_diagnostics(report: DriveReport) -> DiagnosticStatus:
+    """Return the health of the driver of the drives."""
+    statistics = report.statistics
+    values = {
+        "cause": report.cause,
+        "not_configured": "; ".join(f"{name}: {why}" for name, why in report.not_configured.items()),
+        "cycles": statistics.cycles,
+        "missed_cycles": statistics.missed_cycles,
+        "incomplete_cycles": statistics.incomplete_cycles,
+        "late_commands": statistics.late_commands,
+        "repeated_feedback": statistics.repeated_feedback,
+        "command_latency_p50_us": round(1e6 * statistics.latency.p50),
+        "command_latency_p99_us": round(1e6 * statistics.latency.p99),
+        "command_latency_max_us": round(1e6 * statistics.latency.maximum),
+        "rejected_commands": report.rejected_commands,
+        "last_rejection": report.last_rejection,
+        "skipped_sync": report.skipped_cycles,
+        "worst_sync_lateness_us": round(1e6 * report.worst_lateness),
+    }
+    if not report.clock_running:
+        return diagnostic_status("can_drives", Level.ERROR, "no SYNC is sent", values)
+    message = report.state.value + (f": {report.cause}" if report.cause else "")
+    return diagnostic_status("can_drives", _LEVELS.get(report.state, Level.OK), message, values)
+
+
+def load_cell_diagnostics(report: LoadCellReport) -> DiagnosticStatus:
+    """Return the health of the driver of the load cells."""
+    statistics = report.statistics
+    values = {
+        "not_configured": "; ".join(f"{name}: {why}" for name, why in report.not_configured.items()),
+        "cycles": statistics.cycles,
+        "incomplete_cycles": statistics.incomplete_cycles,
+        "tare": report.tare_result,
+        **{f"missing_{name}": count for name, count in statistics.missing.items()},
+    }
+    if report.not_configured:
+        problem = "not configured: " + ", ".join(report.not_configured)
+    elif report.sync_age is None or report.sync_age > NO_SYNC:
+        problem = "no SYNC on the bus: can_drives sends it"
+    else:
+        problem = "; ".join(f"{name} {why}" for name, why in statistics.problems.items())
+    return diagnostic_status("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)
+
+
+def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
+    """Return the health of a bus as one node sees it."""
+    counts = {
+        "unknown_frames": port.unknown_frames,
+        "malformed_frames": port.malformed_frames,
+        "send_errors": port.send_errors,
+        "bus_errors": port.bus_errors,
+    }
+    level = Level.WARN if any(counts.values()) else Level.OK
+    return diagnostic_status(f"{node}: bus {port.name}", level, port.last_problem or "ok", counts)

@@ -1,0 +1,27 @@
+"""Executable ``drivers``: ``can_drives`` and ``load_cells`` in one process, on the same open buses."""
+
+from __future__ import annotations
+
+import sys
+
+from rclpy.node import Node
+
+from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
+from cspr_drivers.nodes.load_cells import LoadCells
+from cspr_msgs_py.nodes.process import run_nodes
+
+
+def create_nodes() -> list[Node]:
+    """Return both nodes; the first one opens the buses and closes them."""
+    drives = CanDrives()
+    return [drives, LoadCells(drives.config, drives.ports)]
+
+
+def main() -> int:
+    """Run both nodes in one process."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    return run_nodes(create_nodes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

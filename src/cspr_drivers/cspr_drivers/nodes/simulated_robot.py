@@ -1,0 +1,148 @@
+"""Executable ``simulated_robot``: both drivers on virtual buses, with emulated devices and a plant at them."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import InertiaStamped
+from rclpy.node import Node
+
+from cspr_drivers.can_bus import open_ports
+from cspr_drivers.can_config import CanConfig
+from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives, load_config
+from cspr_drivers.nodes.load_cells import LoadCells
+from cspr_drivers.simulation.robot_emulator import RobotEmulator
+from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_kinematics import KinematicsError, Payload
+from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped, inertia_stamped
+from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer, subscribe
+from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
+
+_LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn
+
+
+class SimulatedRobot(Node):
+    """Owner of the simulated machine: publishes its true payload and changes it on request.
+
+    Attributes
+    ----------
+    config
+        `can.yaml`, with every bus a virtual one inside this process.
+    ports
+        The driver's ends of these buses.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("simulated_robot")
+        self.config = on_virtual_buses(load_config(self))
+        path = declare(
+            self,
+            "simulation_config",
+            "config/simulation.yaml",
+            "file with the true values of the simulated machine",
+            read_only=True,
+        )
+        simulation = SimulationConfig.from_yaml(path)
+        eds_directory = Path(self.config.source).parent / "eds"
+        self._emulator = RobotEmulator(self.config, simulation, _plant(simulation), eds_directory)
+        try:
+            self.ports = open_ports(self.config)
+        except Exception:
+            self._emulator.close()
+            raise
+        self._payload = advertise(self, SIMULATED_PAYLOAD)
+        subscribe(self, SET_SIMULATED_PAYLOAD, self._set_payload)
+        self._refused_payloads = 0
+        self._slack: tuple[int, ...] = ()
+        self._slack_events = 0
+        steady_timer(self, 1.0 / SIMULATED_PAYLOAD.rate, self._watch)
+        self._diagnostics = Diagnostics(self, self._report)
+
+    def destroy_node(self) -> None:
+        """Destroy the node, after the drivers: buses and devices go with it."""
+        self.ports.close()
+        self._emulator.close()
+        super().destroy_node()
+
+    def _watch(self) -> None:
+        if self._emulator.failure is not None:
+            raise self._emulator.failure
+        payload = self._emulator.payload
+        self._payload.publish(inertia_stamped(time.time_ns(), payload.mass, payload.center_of_mass))
+        slack = self._emulator.slack_cables()
+        for cable in sorted(set(slack) - set(self._slack)):
+            self._slack_events += 1
+            self.get_logger().warning(f"cable_{cable + 1} is slack", throttle_duration_sec=1.0)
+        self._slack = slack
+
+    def _set_payload(self, message: InertiaStamped) -> None:
+        stamp, mass, center_of_mass = from_inertia_stamped(message)
+        try:
+            if message.header.frame_id not in ("", PLATFORM_FRAME):
+                raise KinematicsError(f"frame_id is '{message.header.frame_id}', expected '{PLATFORM_FRAME}'")
+            payload = Payload(mass, center_of_mass)
+        except KinematicsError as error:
+            self._refused_payloads += 1
+            self.get_logger().error(f"payload refused: {error}")
+            return
+        self._emulator.change_payload(payload, at=stamp * 1e-9 if stamp else None)
+        self.get_logger().info(f"payload of {mass:g} kg accepted")
+
+    def _report(self) -> list[DiagnosticStatus]:
+        emulator = self._emulator
+        lag = emulator.lag
+        values = {
+            "plant_lag_ms": f"{1e3 * lag:.1f}",
+            "payload_kg": f"{emulator.payload.mass:g}",
+            "brakes_open": sum(drive.automaton.brake_open for drive in emulator.drives),
+            "slack_cables": ", ".join(f"cable_{cable + 1}" for cable in self._slack) or "none",
+            "slack_events": self._slack_events,
+            "refused_payloads": self._refused_payloads,
+        }
+        if lag > _LARGEST_LAG:
+            return [
+                diagnostic_status(self.get_name(), Level.WARN, "the plant cannot keep up with time", values)
+            ]
+        if self._slack:
+            return [diagnostic_status(self.get_name(), Level.WARN, "slack cable", values)]
+        return [diagnostic_status(self.get_name(), Level.OK, "ok", values)]
+
+
+def on_virtual_buses(config: CanConfig) -> CanConfig:
+    """Return the same configuration with every bus a virtual one of this process."""
+    buses = tuple(
+        dataclasses.replace(bus, interface="virtual", channel=f"simulated {bus.name}") for bus in config.buses
+    )
+    return dataclasses.replace(config, buses=buses)
+
+
+def create_nodes() -> list[Node]:
+    """Return the drivers' nodes and, last to be destroyed, the one that owns what is behind them."""
+    simulated = SimulatedRobot()
+    drives = CanDrives(simulated.config, simulated.ports)
+    return [drives, LoadCells(simulated.config, simulated.ports), simulated]
+
+
+def _plant(simulation: SimulationConfig):
+    try:
+        from cspr_drivers.simulation.plant import Plant
+    except ImportError as error:
+        raise StartError(
+            f"the simulation needs MuJoCo; `pip install mujoco` installs it ({error})"
+        ) from error
+    return Plant(simulation)
+
+
+def main() -> int:
+    """Run the drivers and what they drive in one process."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    return run_nodes(create_nodes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,54 @@
+"""Scheduling of a node's process: real-time priority for control, niceness for recording.
+
+On Linux both belong to a thread, and the middleware has started its threads before a node can ask. So every
+thread of the process is set; threads started later inherit from the thread that starts them.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+
+def set_realtime_priority(priority: int) -> str | None:
+    """Put this process under SCHED_FIFO with `priority` (1 to 99).
+
+    Returns
+    -------
+    str or None
+        None when it is done, else why it was refused and which privilege is missing.
+    """
+    parameters = os.sched_param(priority)
+    try:
+        _each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameters))
+    except PermissionError:
+        return (
+            f"real-time priority {priority} was refused, the process keeps its normal priority: it needs the "
+            f"capability CAP_SYS_NICE, or an rtprio limit of at least {priority} for the user (a line "
+            f"'<user> - rtprio {priority}' in /etc/security/limits.d/, then log in again)"
+        )
+    except OSError as error:
+        return f"real-time priority {priority} was refused, the process keeps its normal priority: {error}"
+    return None
+
+
+def set_niceness(niceness: int) -> str | None:
+    """Give this process the nice level `niceness` (0 to 19: the higher, the later it gets its turn).
+
+    Returns
+    -------
+    str or None
+        None when it is done, else why it was refused.
+    """
+    try:
+        _each_thread(lambda thread: os.setpriority(os.PRIO_PROCESS, thread, niceness))
+    except OSError as error:
+        return f"nice level {niceness} was refused: {error}"
+    return None
+
+
+def _each_thread(change: Callable[[int], object]) -> None:
+    for task in Path("/proc/self/task").iterdir():
+        try:
+            change(int(task.name))
+        except ProcessLookupError:  # a thread that has ended meanwhile
+            continue

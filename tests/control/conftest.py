@@ -1,0 +1,44 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cspr_control.point_to_point import MotionLimits
+from cspr_control.trajectory_catalogue import TrajectoryOptions
+from cspr_kinematics import Pose, Robot
+
+ROBOT_FILE = Path(__file__).parents[2] / "config" / "robot.yaml"
+
+
+@pytest.fixture(scope="session")
+def private_domain():
+    """Keep the tests on this machine and away from any other graph on it."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 45))
+
+
+@pytest.fixture(scope="session")
+def robot_file():
+    return ROBOT_FILE
+
+
+@pytest.fixture(scope="session")
+def robot():
+    return Robot.from_yaml(ROBOT_FILE)
+
+
+@pytest.fixture(scope="session")
+def limits():
+    return MotionLimits(speed=0.2, acceleration=0.3, angular_speed=0.2, angular_acceleration=0.4)
+
+
+@pytest.fixture(scope="session")
+def options(limits):
+    goal = Pose.from_euler([0.3, -0.2, 1.2], 0.1, -0.05, 0.08)
+    return TrajectoryOptions(limits, goal, blend_time=1.0, hold_duration=2.0)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20240517)

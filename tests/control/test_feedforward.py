@@ -1,0 +1,181 @@
+import math
+
+import numpy as np
+import pytest
+
+from cspr_control.errors import PayloadError, SettingError
+from cspr_control.feedforward import (
+    Feedforward,
+    FeedforwardModel,
+    FeedforwardSettings,
+    PayloadSource,
+    PayloadStatus,
+    checked_payload,
+)
+from cspr_control.paper_trajectories import paper_19, paper_19_tilt
+from cspr_control.reference import ReferencePoint
+from cspr_kinematics import (
+    Acceleration,
+    Payload,
+    Pose,
+    Twist,
+    inverse_kinematics,
+    required_wrench,
+    static_wrench,
+)
+
+PERIOD = 0.004
+NOMINAL = {"payload_source": PayloadSource.NOMINAL}
+
+
+def setpoint_of(robot, reference, time=0.0, **settings):
+    return Feedforward(robot, FeedforwardSettings(**settings)).compute(time, reference)
+
+
+@pytest.fixture
+def moving(robot):
+    return paper_19_tilt(robot.trajectory_center).sample(1.3)
+
+
+def test_angles_and_speeds_are_those_of_the_reference(robot):
+    trajectory = paper_19_tilt(robot.trajectory_center)
+    feedforward = Feedforward(robot, FeedforwardSettings(**NOMINAL))
+    before, now, after = (feedforward.compute(t, trajectory.sample(t)) for t in (1.2999, 1.3, 1.3001))
+    lengths = inverse_kinematics(robot, trajectory.sample(1.3).pose).lengths
+    np.testing.assert_allclose(robot.winch.cable_lengths(now.position), lengths, atol=1e-12)
+    np.testing.assert_allclose(now.velocity, (after.position - before.position) / 2e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize("model", [FeedforwardModel.STATIC, FeedforwardModel.DYNAMIC])
+def test_torque_gives_the_wrench_of_the_model(robot, moving, model):
+    payload = Payload(100.0, [0.02, -0.03, 0.05])
+    setpoint = setpoint_of(robot, moving, model=model, nominal_payload=payload, **NOMINAL)
+    if model is FeedforwardModel.STATIC:
+        wrench = static_wrench(robot, moving.pose, payload)
+    else:
+        wrench = required_wrench(robot, moving.pose, moving.twist, moving.acceleration, payload)
+    tensions = robot.winch.tension(setpoint.effort)
+    np.testing.assert_allclose(tensions, setpoint.tensions)
+    np.testing.assert_allclose(
+        inverse_kinematics(robot, moving.pose).wrench_matrix @ tensions, wrench, atol=1e-6
+    )
+    assert setpoint.feasible
+    assert setpoint.wrench_residual < 1e-6
+
+
+def test_without_a_model_there_is_no_torque(robot, moving):
+    setpoint = setpoint_of(robot, moving, model=FeedforwardModel.NONE, **NOMINAL)
+    np.testing.assert_array_equal(setpoint.effort, np.zeros(8))
+    assert setpoint.feasible
+
+
+def test_out_of_reach_no_cable_pushes_and_it_is_flagged(robot):
+    thrown = ReferencePoint(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
+    setpoint = setpoint_of(robot, thrown, **NOMINAL)
+    assert not setpoint.feasible
+    assert setpoint.wrench_residual > 100.0
+    assert setpoint.tensions.min() >= robot.tension_min
+    assert setpoint.tensions.max() <= robot.tension_max
+    assert setpoint.effort.max() < 0.0
+
+
+def run(feedforward, robot, begin, count):
+    """Efforts of consecutive set-points along a trajectory, and what they would be without bridging."""
+    trajectory = paper_19(robot.trajectory_center)
+    efforts, plain = [], []
+    for cycle in range(begin, begin + count):
+        time = cycle * PERIOD
+        setpoint = feedforward.compute(time, trajectory.sample(time))
+        efforts.append(setpoint.effort)
+        plain.append(robot.winch.motor_torque(setpoint.tensions))
+    return np.array(efforts), np.array(plain)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"model": FeedforwardModel.NONE},
+        {"model": FeedforwardModel.STATIC},
+        {"nominal_payload": Payload(200.0, np.zeros(3))},
+        {"payload_source": PayloadSource.ESTIMATED},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_a_switch_is_bridged_at_the_stated_slew(robot, change):
+    slew = 2.0
+    settings = {"switch_slew": slew, **NOMINAL}
+    feedforward = Feedforward(robot, FeedforwardSettings(**settings))
+    feedforward.set_estimate(0.0, 150.0, np.zeros(3))
+    before, _ = run(feedforward, robot, 1, 5)
+    feedforward.configure(FeedforwardSettings(**{**settings, "payload_timeout": 10.0, **change}))
+    after, plain = run(feedforward, robot, 6, 300)
+    steps = np.diff(np.vstack([before, after]), axis=0)
+    own = np.diff(np.vstack([plain[:1], plain]), axis=0)  # by the motion itself
+    excess = np.abs(steps[len(before) - 1 :]) - np.abs(own)
+    assert excess.max() <= slew * PERIOD + 1e-9
+    np.testing.assert_allclose(after[0], before[-1], atol=1e-12)
+    np.testing.assert_allclose(after[-1], plain[-1], atol=1e-12)
+
+
+def test_payload_status(robot, moving):
+    settings = FeedforwardSettings(payload_timeout=0.5, nominal_payload=Payload(20.0, np.zeros(3)))
+    feedforward = Feedforward(robot, settings)
+    assert feedforward.compute(0.0, moving).payload_status is PayloadStatus.AWAITED
+    assert feedforward.compute(0.1, moving).payload.mass == 20.0
+    feedforward.set_estimate(0.2, 70.0, [0.01, 0.0, 0.0])
+    first = feedforward.compute(0.2, moving)
+    assert (first.payload_status, first.payload.mass) == (PayloadStatus.ESTIMATED, 70.0)
+    held = feedforward.compute(0.8, moving)
+    assert (held.payload_status, held.payload.mass) == (PayloadStatus.HELD, 70.0)
+
+
+def test_the_first_estimate_and_one_after_a_gap_are_bridged(robot):
+    reference = ReferencePoint.at_rest(robot.home)
+    feedforward = Feedforward(robot, FeedforwardSettings(switch_slew=1.0))
+    before = feedforward.compute(0.0, reference).effort
+    feedforward.set_estimate(0.004, 150.0, np.zeros(3))
+    np.testing.assert_allclose(feedforward.compute(0.004, reference).effort, before)
+    settled = feedforward.compute(5.0, reference)
+    assert settled.payload_status is PayloadStatus.HELD
+    feedforward.set_estimate(5.004, 20.0, np.zeros(3))
+    np.testing.assert_allclose(feedforward.compute(5.004, reference).effort, settled.effort)
+
+
+@pytest.mark.parametrize(
+    ("mass", "center", "complaint"),
+    [
+        (-1.0, [0.0, 0.0, 0.0], "negative"),
+        (math.nan, [0.0, 0.0, 0.0], "finite"),
+        (math.inf, [0.0, 0.0, 0.0], "finite"),
+        (301.0, [0.0, 0.0, 0.0], "max_payload"),
+        (1.0, [0.0, math.nan, 0.0], "centre of mass"),
+        (1.0, [0.0, 0.0], "centre of mass"),
+    ],
+)
+def test_a_payload_that_cannot_be_is_refused(robot, mass, center, complaint):
+    with pytest.raises(PayloadError, match=complaint):
+        checked_payload("nominal payload", mass, center, 300.0)
+    feedforward = Feedforward(robot, FeedforwardSettings())
+    feedforward.set_estimate(0.0, 40.0, np.zeros(3))
+    with pytest.raises(PayloadError, match="estimated payload"):
+        feedforward.set_estimate(0.1, mass, center)
+    assert feedforward.payload_in_use(0.1)[0].mass == 40.0
+
+
+@pytest.mark.parametrize("setting", ["max_payload", "payload_timeout", "switch_slew"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_settings_are_checked(setting, value):
+    with pytest.raises(SettingError, match=setting):
+        FeedforwardSettings(**{setting: value})
+
+
+def test_nominal_payload_must_not_exceed_the_largest():
+    with pytest.raises(PayloadError, match="max_payload"):
+        FeedforwardSettings(nominal_payload=Payload(400.0, np.zeros(3)))
+
+
+def test_pose_that_is_not_level_keeps_the_weight(robot):
+    pose = Pose.from_euler(robot.home.position, 0.1, 0.05, -0.05)
+    setpoint = setpoint_of(robot, ReferencePoint.at_rest(pose), **NOMINAL)
+    force = inverse_kinematics(robot, pose).wrench_matrix @ setpoint.tensions
+    assert force[2] == pytest.approx(153.0 * 9.81)

@@ -1,0 +1,367 @@
+import math
+
+import numpy as np
+import pytest
+
+from cspr_control.errors import SettingError
+from cspr_control.supervision import Action, DriverState, RobotState, Supervisor
+from cspr_control.supervision_checks import FaultKind, MonitoredInput, SupervisionLimits
+from cspr_control.trajectory_player import TrajectoryPhase
+from cspr_control.watch import LastingViolation
+
+COUNT = 8
+STEP = 0.02
+LIMITS = SupervisionLimits(
+    following_error=1.0,
+    following_error_time=0.1,
+    tension_min=50.0,
+    tension_min_time=0.3,
+    tension_max=3000.0,
+    tension_max_time=0.1,
+    enable_timeout=1.0,
+    stop_timeout=0.8,
+    drive_timeout=1.0,
+)
+
+
+class Rig:
+    """A supervisor whose inputs arrive every step unless they are silenced."""
+
+    def __init__(self):
+        self.supervisor = Supervisor(COUNT, LIMITS)
+        self.time = 50.0
+        self.drives = DriverState.DISABLED
+        self.cause = ""
+        self.phase = TrajectoryPhase.HOLD
+        self.angles = np.zeros(COUNT)
+        self.tensions = np.full(COUNT, 400.0)
+        self.silent = set()
+
+    def step(self, duration=STEP):
+        actions = []
+        for _ in range(max(1, round(duration / STEP))):
+            self.time += STEP
+            self._observe()
+            actions += self.supervisor.update(self.time)
+        return actions
+
+    def _observe(self):
+        stamp = round(self.time * 1e9)
+        checks = self.supervisor.checks
+        if MonitoredInput.MOTOR_STATES not in self.silent:
+            checks.observe_motors(self.time, stamp, self.angles)
+        if MonitoredInput.SETPOINT not in self.silent:
+            # For the next cycle, at 2 rad/s: at the time of the state the desired angle is zero.
+            checks.observe_setpoint(self.time, stamp + 4_000_000, np.full(COUNT, 0.008), np.full(COUNT, 2.0))
+        if MonitoredInput.CABLE_TENSIONS not in self.silent:
+            checks.observe_tensions(self.time, self.tensions)
+        if MonitoredInput.PLATFORM_POSE not in self.silent:
+            checks.observe_arrival(MonitoredInput.PLATFORM_POSE, self.time)
+        if MonitoredInput.DRIVE_STATES not in self.silent:
+            self.supervisor.observe_drives(self.time, self.drives, self.cause)
+        self.supervisor.observe_trajectory(self.phase)
+
+    def enabled(self):
+        self.step()
+        assert self.supervisor.enable(self.time).accepted
+        assert self.step() == [Action.ENABLE_DRIVES]
+        self.drives = DriverState.ENABLING
+        assert self.step(0.2) == []
+        assert self.state is RobotState.ENABLING
+        self.drives = DriverState.ENABLED
+        assert self.step() == []
+        assert self.state is RobotState.ENABLED
+        return self
+
+    @property
+    def state(self):
+        return self.supervisor.state
+
+    def assert_fault(self, actions, kind, text=""):
+        assert self.state is RobotState.FAULT
+        assert self.supervisor.fault.kind is kind
+        assert text in str(self.supervisor.fault)
+        assert actions[:2] == [Action.QUICK_STOP, Action.STOP_TRAJECTORY]
+
+
+@pytest.fixture
+def rig():
+    return Rig()
+
+
+def test_nothing_happens_before_enable(rig):
+    assert rig.step(2.0) == []
+    assert rig.state is RobotState.DISABLED
+
+
+def test_enable_run_stop(rig):
+    rig.enabled()
+    assert rig.step(1.0) == []
+    rig.phase = TrajectoryPhase.RUNNING
+    assert rig.supervisor.stop(rig.time).accepted
+    assert rig.step() == [Action.STOP_TRAJECTORY]
+    rig.supervisor.answered(rig.time, Action.STOP_TRAJECTORY, True, "")
+    rig.phase = TrajectoryPhase.STOPPING
+    assert rig.step(0.4) == []
+    rig.phase = TrajectoryPhase.HOLD
+    assert rig.step() == [Action.DISABLE_DRIVES]
+    rig.drives = DriverState.STOPPING
+    assert rig.step(0.2) == []
+    assert rig.state is RobotState.STOPPING
+    rig.drives = DriverState.DISABLED
+    assert rig.step() == []
+    assert rig.state is RobotState.DISABLED
+    rig.enabled()
+
+
+def test_a_trajectory_that_does_not_come_to_rest_is_cut_off_by_the_brakes(rig):
+    rig.enabled()
+    rig.phase = TrajectoryPhase.RUNNING
+    rig.supervisor.stop(rig.time)
+    actions = rig.step(1.0)
+    assert actions == [Action.STOP_TRAJECTORY, Action.DISABLE_DRIVES]
+
+
+def test_a_stop_that_nobody_hears_closes_the_brakes_at_once(rig):
+    rig.enabled()
+    rig.phase = TrajectoryPhase.RUNNING
+    rig.supervisor.stop(rig.time)
+    rig.step()
+    rig.supervisor.answered(rig.time, Action.STOP_TRAJECTORY, False, "not available")
+    assert rig.step() == [Action.DISABLE_DRIVES]
+
+
+def test_stop_while_enabling(rig):
+    rig.step()
+    rig.supervisor.enable(rig.time)
+    rig.step()
+    assert rig.supervisor.stop(rig.time).accepted
+    rig.drives = DriverState.STOPPING
+    assert rig.step() == [Action.DISABLE_DRIVES]
+    rig.drives = DriverState.DISABLED
+    rig.step()
+    assert rig.state is RobotState.DISABLED
+
+
+def test_stop_without_motion_says_so(rig):
+    decision = rig.supervisor.stop(rig.time)
+    assert decision.accepted
+    assert "nothing to stop" in decision.message
+
+
+@pytest.mark.parametrize("source", list(MonitoredInput))
+def test_enable_is_refused_without_fresh_inputs(rig, source):
+    rig.silent.add(source)
+    rig.step(0.1)
+    decision = rig.supervisor.enable(rig.time)
+    assert not decision.accepted
+    assert source.value in decision.message
+    assert rig.step() == []
+    assert rig.state is RobotState.DISABLED
+
+
+@pytest.mark.parametrize(
+    "drives", [d for d in DriverState if d not in (DriverState.DISABLED, DriverState.FAULT)]
+)
+def test_enable_is_refused_unless_the_drives_are_disabled(rig, drives):
+    rig.step()
+    rig.supervisor.observe_drives(rig.time, drives)
+    assert drives.value in rig.supervisor.enable(rig.time).message
+    assert rig.state is not RobotState.ENABLING
+
+
+def test_enable_is_refused_away_from_the_setpoint(rig):
+    rig.angles = np.array([0.0, 0.0, -1.5] + [0.0] * 5)
+    rig.step()
+    assert "motor_3" in rig.supervisor.enable(rig.time).message
+
+
+def test_enable_is_refused_with_an_overloaded_cable_or_a_moving_reference(rig):
+    rig.tensions = np.array([400.0] * 7 + [3001.0])
+    rig.step(0.3)
+    assert "cable_8" in rig.supervisor.enable(rig.time).message
+    rig.tensions = np.full(COUNT, 400.0)
+    rig.phase = TrajectoryPhase.RUNNING
+    rig.step()
+    assert "running" in rig.supervisor.enable(rig.time).message
+
+
+def test_enable_that_the_drives_refuse_leaves_the_robot_disabled(rig):
+    rig.step()
+    rig.supervisor.enable(rig.time)
+    rig.step()
+    rig.supervisor.answered(rig.time, Action.ENABLE_DRIVES, False, "motor_4 does not answer")
+    assert rig.step() == []
+    assert rig.state is RobotState.DISABLED
+    assert "motor_4" in rig.supervisor.remark
+
+
+def test_drives_that_do_not_become_enabled(rig):
+    rig.step()
+    rig.supervisor.enable(rig.time)
+    rig.drives = DriverState.ENABLING
+    actions = rig.step(1.2)
+    assert actions.pop(0) is Action.ENABLE_DRIVES
+    rig.assert_fault(actions, FaultKind.TIMEOUT, "enabling")
+
+
+def test_drives_that_do_not_become_disabled(rig):
+    rig.enabled()
+    rig.supervisor.stop(rig.time)
+    rig.supervisor.answered(rig.time, Action.STOP_TRAJECTORY, True, "")
+    assert rig.step() == [Action.STOP_TRAJECTORY, Action.DISABLE_DRIVES]
+    rig.assert_fault(rig.step(1.2), FaultKind.TIMEOUT, "enabled")
+
+
+def test_drives_that_refuse_to_be_disabled(rig):
+    rig.enabled()
+    rig.supervisor.stop(rig.time)
+    rig.supervisor.answered(rig.time, Action.STOP_TRAJECTORY, True, "")
+    rig.step()
+    rig.supervisor.answered(rig.time, Action.DISABLE_DRIVES, False, "no")
+    rig.assert_fault(rig.step(), FaultKind.DRIVE_STATE)
+
+
+@pytest.mark.parametrize("source", list(MonitoredInput))
+def test_stale_topic_is_a_fault(rig, source):
+    rig.enabled()
+    rig.silent.add(source)
+    limit = LIMITS.max_ages[source]
+    assert rig.step(limit - 3 * STEP) == []
+    rig.assert_fault(rig.step(5 * STEP), FaultKind.STALE_TOPIC, source.value)
+
+
+def test_following_error_is_a_fault_when_it_lasts(rig):
+    rig.enabled()
+    rig.angles = np.array([0.0] * 6 + [1.2, 0.0])
+    assert rig.step(0.08) == []
+    rig.angles = np.zeros(COUNT)
+    assert rig.step(0.08) == []
+    rig.angles = np.array([0.0] * 6 + [1.2, 0.0])
+    rig.assert_fault(rig.step(0.2), FaultKind.FOLLOWING_ERROR, "motor_7")
+
+
+def test_motor_angle_that_is_not_finite_is_a_fault(rig):
+    rig.enabled()
+    rig.angles = np.array([math.nan] + [0.0] * 7)
+    rig.assert_fault(rig.step(0.2), FaultKind.FOLLOWING_ERROR, "motor_1")
+
+
+@pytest.mark.parametrize(
+    ("tension", "allowed", "kind"),
+    [(10.0, 0.3, FaultKind.TENSION_LOW), (3100.0, 0.1, FaultKind.TENSION_HIGH)],
+)
+def test_tension_beyond_its_limit_is_a_fault_when_it_lasts(rig, tension, allowed, kind):
+    rig.enabled()
+    rig.tensions = np.array([400.0] * 4 + [tension] + [400.0] * 3)
+    assert rig.step(allowed - STEP) == []
+    rig.tensions = np.full(COUNT, 400.0)
+    assert rig.step(0.5) == []
+    rig.tensions = np.array([400.0] * 4 + [tension] + [400.0] * 3)
+    rig.assert_fault(rig.step(allowed + 2 * STEP), kind, "cable_5")
+
+
+@pytest.mark.parametrize("enabled", [False, True])
+def test_drive_fault_is_latched_whenever_it_comes(rig, enabled):
+    if enabled:
+        rig.enabled()
+    rig.drives, rig.cause = DriverState.FAULT, "motor_2: EMCY 0x2310"
+    rig.assert_fault(rig.step(), FaultKind.DRIVE_FAULT, "motor_2")
+
+
+def test_drives_that_leave_operation_are_a_fault(rig):
+    rig.enabled()
+    rig.drives = DriverState.DISABLED
+    rig.assert_fault(rig.step(), FaultKind.DRIVE_STATE, "by themselves")
+
+
+def test_drives_enabled_by_somebody_else_are_stopped(rig):
+    rig.drives = DriverState.ENABLED
+    rig.assert_fault(rig.step(), FaultKind.DRIVE_STATE, "nobody enabled")
+
+
+def test_quick_stop_is_repeated_until_the_drives_obey(rig):
+    rig.enabled()
+    rig.silent.add(MonitoredInput.CABLE_TENSIONS)
+    rig.step(0.2)
+    assert rig.step(0.6).count(Action.QUICK_STOP) >= 2
+    rig.drives = DriverState.STOPPING
+    assert rig.step(0.6) == []
+
+
+@pytest.fixture
+def faulty(rig):
+    rig.enabled()
+    rig.tensions = np.full(COUNT, 3100.0)
+    rig.step(0.2)
+    rig.drives = DriverState.DISABLED
+    rig.tensions = np.full(COUNT, 400.0)
+    rig.step(0.5)
+    assert rig.state is RobotState.FAULT
+    return rig
+
+
+def test_fault_stays_latched_and_enable_is_refused(faulty):
+    assert faulty.step(5.0) == []
+    assert faulty.supervisor.fault.kind is FaultKind.TENSION_HIGH
+    decision = faulty.supervisor.enable(faulty.time)
+    assert not decision.accepted
+    assert "reset" in decision.message
+
+
+def test_reset_leads_to_disabled_and_not_further(faulty):
+    assert faulty.supervisor.reset(faulty.time).accepted
+    assert faulty.step() == [Action.RESET_DRIVES]
+    faulty.step()
+    assert faulty.state is RobotState.DISABLED
+    assert faulty.supervisor.fault is None
+    assert faulty.step(2.0) == []
+    assert faulty.state is RobotState.DISABLED
+    faulty.enabled()
+
+
+def test_reset_that_the_drives_do_not_follow(faulty):
+    faulty.drives, faulty.cause = DriverState.FAULT, "motor_1"
+    faulty.step()
+    faulty.supervisor.reset(faulty.time)
+    assert faulty.step(1.5) == [Action.RESET_DRIVES]
+    assert faulty.state is RobotState.FAULT
+    assert "after the reset" in str(faulty.supervisor.fault)
+
+
+def test_reset_that_the_drives_refuse(faulty):
+    faulty.drives = DriverState.FAULT
+    faulty.step()
+    faulty.supervisor.reset(faulty.time)
+    faulty.step()
+    faulty.supervisor.answered(faulty.time, Action.RESET_DRIVES, False, "still hot")
+    faulty.step()
+    assert "still hot" in str(faulty.supervisor.fault)
+
+
+def test_reset_needs_a_fault_and_stopped_drives(rig):
+    assert not rig.supervisor.reset(rig.time).accepted
+    rig.enabled()
+    rig.silent.add(MonitoredInput.CABLE_TENSIONS)
+    rig.step(0.2)
+    assert "not yet stopped" in rig.supervisor.reset(rig.time).message
+
+
+def test_lasting_violation_is_per_member():
+    watch = LastingViolation(2, 0.5)
+    assert watch.update(0.0, [True, False]) is None
+    assert watch.update(0.4, [False, True]) is None
+    assert watch.update(0.6, [True, True]) is None
+    assert watch.update(0.9, [True, True]) == 1
+    watch.clear()
+    assert watch.update(1.0, [True, True]) is None
+    with pytest.raises(SettingError):
+        LastingViolation(2, -1.0)
+
+
+@pytest.mark.parametrize(
+    "limit", [{"following_error": math.nan}, {"tension_min": 4000.0}, {"stop_timeout": -1.0}]
+)
+def test_limits_are_checked(limit):
+    with pytest.raises(SettingError, match=next(iter(limit))):
+        SupervisionLimits(**limit)

@@ -1,0 +1,232 @@
+"""A scripted CAN bus for the drivers: devices as a few lines of state, reached by raw frames."""
+
+import copy
+import itertools
+import struct
+import threading
+from pathlib import Path
+
+import can
+import pytest
+import yaml
+
+from cspr_drivers.can_bus import open_ports
+from cspr_drivers.can_config import CanConfig
+
+REPOSITORY = Path(__file__).parents[2]
+CHANNELS = itertools.count()
+
+# Status words typed from IEC 61800-7-201, table of state coding, with bit 14 for the open brake.
+SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x40, 0x21, 0x23, 0x4027, 0x4007, 0x08
+
+
+class ScriptedNode:
+    """A CANopen device that remembers its objects and does what a test tells it."""
+
+    def __init__(self, node_id, objects):
+        self.node_id = node_id
+        self.objects = dict(objects)
+        self.operational = False
+        self.answers_sdo = True
+        self.answers_sync = True
+        self.aborts = {}
+        self.writes = []
+
+    def sdo(self, data):
+        """Return the answer to an expedited SDO request (CiA 301, section 7.2.4.3)."""
+        command, index, subindex = struct.unpack_from("<BHB", data)
+        address = struct.pack("<HB", index, subindex)
+        key = (index, subindex)
+        if key in self.aborts:
+            return b"\x80" + address + struct.pack("<I", self.aborts[key])
+        if command & 0xE0 == 0x40:
+            if key not in self.objects:
+                return b"\x80" + address + struct.pack("<I", 0x0602_0000)
+            value = self.objects[key]
+            return bytes([0x43 | (4 - len(value)) << 2]) + address + value.ljust(4, b"\0")
+        size = 4 - (command >> 2 & 3)
+        self.objects[key] = bytes(data[4 : 4 + size])
+        self.writes.append((index, subindex, self.objects[key]))
+        return b"\x60" + address + bytes(4)
+
+    def read(self, index, subindex=0):
+        return int.from_bytes(self.objects[index, subindex], "little")
+
+
+TRANSITIONS = {
+    (SWITCH_ON_DISABLED, 0x06): READY,
+    (READY, 0x07): SWITCHED_ON,
+    (READY, 0x00): SWITCH_ON_DISABLED,
+    (READY, 0x02): SWITCH_ON_DISABLED,
+    (SWITCHED_ON, 0x0F): ENABLED,
+    (SWITCHED_ON, 0x06): READY,
+    (SWITCHED_ON, 0x00): SWITCH_ON_DISABLED,
+    (SWITCHED_ON, 0x02): SWITCH_ON_DISABLED,
+    (ENABLED, 0x07): SWITCHED_ON,
+    (ENABLED, 0x00): SWITCH_ON_DISABLED,
+    (ENABLED, 0x02): QUICK_STOP,
+}
+
+
+class ScriptedDrive(ScriptedNode):
+    """A drive that goes through the states of CiA 402 at once; its motor does not move by itself."""
+
+    def __init__(self, node_id):
+        super().__init__(
+            node_id,
+            {
+                (0x1000, 0): (0x0002_0192).to_bytes(4, "little"),
+                (0x6502, 0): (0x200).to_bytes(4, "little"),
+                (0x6076, 0): (5000).to_bytes(4, "little"),
+                (0x608F, 1): (131072).to_bytes(4, "little"),
+                (0x608F, 2): (1).to_bytes(4, "little"),
+                (0x6061, 0): b"\x0a",
+            },
+        )
+        self.status = SWITCH_ON_DISABLED
+        self.counts = 0
+        self.torque = 0
+        self.control = 0
+        self.rpdos = []
+        self.obeys = True
+
+    def rpdo(self, data):
+        control, torque = struct.unpack("<Hh", data)
+        self.rpdos.append((control, torque))
+        if self.obeys:
+            if self.status == FAULT and control & 0x80 and not self.control & 0x80:
+                self.status = SWITCH_ON_DISABLED
+            self.status = TRANSITIONS.get((self.status, control), self.status)
+        self.control = control
+        self.torque = torque
+
+    def tpdo(self):
+        frame = struct.pack("<Hih", self.status, self.counts, self.torque)
+        if self.status == QUICK_STOP and self.obeys:
+            self.status = SWITCH_ON_DISABLED
+        return frame
+
+
+class ScriptedCell(ScriptedNode):
+    """An amplifier with a constant value."""
+
+    def __init__(self, node_id):
+        super().__init__(node_id, {(0x1000, 0): (0x0002_0194).to_bytes(4, "little")})
+        self.value = 100 * node_id
+        self.status = 0
+
+    def tpdo(self):
+        return struct.pack("<iB", self.value, self.status)
+
+
+class ScriptedBus:
+    """The far end of one virtual bus: answers for all devices in one thread."""
+
+    def __init__(self, channel, drives, cells):
+        self.bus = can.Bus(interface="virtual", channel=channel)
+        self.drives = drives
+        self.cells = cells
+        self.nodes = {node.node_id: node for node in (*drives, *cells)}
+        self.heartbeats = 0
+        self.master_heartbeats = 0
+        self.beating = True
+        self.frames = []
+        self._running = True
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def send(self, identifier, data):
+        self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
+    def close(self):
+        self._running = False
+        self._thread.join()
+        self.bus.shutdown()
+
+    def _serve(self):
+        while self._running:
+            message = self.bus.recv(0.02)
+            if message is not None:
+                self._receive(message.arbitration_id, bytes(message.data))
+
+    def _receive(self, identifier, data):
+        if identifier == 0x000:
+            self.nodes[data[1]].operational = data[0] == 1
+        elif identifier == 0x080:
+            self._sync()
+        elif identifier == 0x700 + 127:
+            self.master_heartbeats += 1
+            if self.beating:
+                for node in self.nodes.values():
+                    if node.answers_sdo:
+                        self.send(0x700 + node.node_id, [5 if node.operational else 127])
+        elif identifier & 0x780 == 0x600:
+            node = self.nodes.get(identifier & 0x7F)
+            if node is not None and node.answers_sdo and data[0] != 0x80:
+                self.send(0x580 + node.node_id, node.sdo(data))
+        elif identifier & 0x780 == 0x200:
+            self.nodes[identifier & 0x7F].rpdo(data)
+
+    def _sync(self):
+        for node in self.nodes.values():
+            if node.operational and node.answers_sync:
+                self.send(0x180 + node.node_id, node.tpdo())
+
+
+@pytest.fixture
+def mapping():
+    """The shipped configuration as a mapping, on a virtual bus of its own, for a test to change."""
+    content = yaml.safe_load((REPOSITORY / "config" / "can.yaml").read_text())
+    content["buses"]["main"].update(interface="virtual", channel=f"drivers-{next(CHANNELS)}")
+    return copy.deepcopy(content)
+
+
+@pytest.fixture
+def config(mapping):
+    """The shipped configuration on a virtual bus; slower, so that a busy test machine keeps up."""
+    mapping["rate"] = 100.0
+    mapping["timeouts"].update(
+        command=0.3,
+        feedback=0.3,
+        heartbeat_producer=0.03,
+        heartbeat_consumer=0.6,
+        sdo=0.1,
+        stop=0.5,
+        enable=0.5,
+    )
+    return CanConfig.from_mapping(mapping, "can.yaml")
+
+
+@pytest.fixture
+def far_end(config):
+    """All devices of `config`, scripted."""
+    bus = ScriptedBus(
+        config.buses[0].channel,
+        [ScriptedDrive(drive.node_id) for drive in config.drives],
+        [ScriptedCell(cell.node_id) for cell in config.load_cells],
+    )
+    yield bus
+    bus.close()
+
+
+@pytest.fixture
+def ports(config, far_end):
+    """The near end of the bus of `config`, opened after the far one."""
+    ports = open_ports(config)
+    yield ports
+    ports.close()
+
+
+@pytest.fixture
+def wait_until():
+    """Wait for a condition that another thread brings about."""
+
+    def wait(condition, timeout=5.0):
+        pause = threading.Event()
+        for _ in range(int(timeout / 0.005)):
+            if condition():
+                return
+            pause.wait(0.005)
+        pytest.fail("the condition did not come true in time")
+
+    return wait

@@ -1,0 +1,232 @@
+"""The emulated robot on virtual buses, in real time, as a driver meets it."""
+
+import dataclasses
+import struct
+import time
+import uuid
+from pathlib import Path
+
+import can
+import canopen
+import pytest
+
+from cspr_drivers.can_config import BusConfig, CanConfig
+from cspr_drivers.cia402 import State, decode_state
+from cspr_drivers.errors import BusError, ConfigurationError
+from cspr_drivers.simulation.robot_emulator import RobotEmulator
+from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_kinematics import Payload
+
+CONFIG = Path(__file__).parents[3] / "config"
+EDS = CONFIG / "eds"
+MASTER_ID = 127
+CYCLE = 0.004
+
+
+def two_buses() -> CanConfig:
+    """Return the shipped configuration with the second half of the devices on a bus of its own."""
+    config = CanConfig.from_yaml(CONFIG / "can.yaml")
+    buses = tuple(
+        BusConfig(name, "virtual", f"{name} {uuid.uuid4()}", 1_000_000) for name in ("left", "right")
+    )
+
+    def spread(devices):
+        half = len(devices) // 2
+        return tuple(dataclasses.replace(d, bus=buses[i >= half].name) for i, d in enumerate(devices))
+
+    return dataclasses.replace(
+        config, buses=buses, drives=spread(config.drives), load_cells=spread(config.load_cells)
+    )
+
+
+def write(sdo, index, subindex, value, size) -> None:
+    sdo.RESPONSE_TIMEOUT = 2.0
+    sdo.download(index, subindex, value.to_bytes(size, "little"))
+
+
+def write_pdo(sdo, communication, can_id, kind, mapping) -> None:
+    write(sdo, communication, 1, 0x8000_0000 | can_id, 4)
+    write(sdo, communication, 2, kind, 1)
+    write(sdo, communication + 0x200, 0, 0, 1)
+    for subindex, entry in enumerate(mapping, 1):
+        write(sdo, communication + 0x200, subindex, entry, 4)
+    write(sdo, communication + 0x200, 0, len(mapping), 1)
+    write(sdo, communication, 1, can_id, 4)
+
+
+class Master:
+    """A driver reduced to its frames."""
+
+    def __init__(self, config: CanConfig) -> None:
+        self.config = config
+        self.buses = {bus.name: can.Bus(interface="virtual", channel=bus.channel) for bus in config.buses}
+        self.status: dict[int, int] = {}
+        self.position: dict[int, int] = {}
+        self.cells: dict[int, int] = {}
+        self.word = 0
+        self.torque = dict.fromkeys((drive.node_id for drive in config.drives), 0)
+
+    def configure(self) -> None:
+        """Configure all devices by SDO and start them."""
+        pdo = self.config.pdo
+        for bus in self.config.buses:
+            network = canopen.Network()
+            network.NOTIFIER_CYCLE = 0.05
+            network.connect(interface="virtual", channel=bus.channel)
+            try:
+                for drive in [drive for drive in self.config.drives if drive.bus == bus.name]:
+                    sdo = network.add_node(drive.node_id, canopen.ObjectDictionary()).sdo
+                    write(sdo, 0x6060, 0, 10, 1)
+                    write(sdo, 0x6072, 0, drive.units.max_torque, 2)
+                    write(sdo, 0x1016, 1, MASTER_ID << 16 | 200, 4)
+                    write_pdo(sdo, 0x1400, 0x200 + drive.node_id, 255, pdo.drive_rpdo.mapping)
+                    write_pdo(sdo, 0x1800, 0x180 + drive.node_id, 1, pdo.drive_tpdo.mapping)
+                for cell in [cell for cell in self.config.load_cells if cell.bus == bus.name]:
+                    sdo = network.add_node(cell.node_id, canopen.ObjectDictionary()).sdo
+                    write_pdo(sdo, 0x1800, 0x180 + cell.node_id, 1, pdo.load_cell_tpdo.mapping)
+                network.send_message(0x000, [1, 0])
+            finally:
+                network.disconnect()
+
+    def send(self, bus: str, can_id: int, data: bytes = b"") -> None:
+        self.buses[bus].send(can.Message(arbitration_id=can_id, is_extended_id=False, data=data))
+
+    def cycle(self, heartbeat: bool = True) -> None:
+        """Run one cycle: SYNC, the answers, the RPDOs."""
+        end = time.monotonic() + CYCLE
+        for bus in self.buses:
+            if heartbeat:
+                self.send(bus, 0x700 + MASTER_ID, b"\x05")
+            self.send(bus, 0x080)
+        for drive in self.config.drives:
+            data = struct.pack("<Hh", self.word, self.torque[drive.node_id])
+            self.send(drive.bus, 0x200 + drive.node_id, data)
+        for bus in self.buses.values():
+            while (message := bus.recv(max(0.0, end - time.monotonic()))) is not None:
+                self._take(message)
+        time.sleep(max(0.0, end - time.monotonic()))
+
+    def _take(self, message: can.Message) -> None:
+        node_id = message.arbitration_id - 0x180
+        if node_id in self.torque:
+            self.status[node_id], self.position[node_id], _ = struct.unpack("<Hih", message.data)
+        elif 0 < node_id < 0x80:
+            self.cells[node_id] = struct.unpack("<iB", message.data)[0]
+
+    def states(self) -> set[State]:
+        return {decode_state(word) for word in self.status.values()}
+
+    def lead(self, word: int, state: State) -> None:
+        """Send a control word until all drives report a state."""
+        self.word = word
+        end = time.monotonic() + 2.0
+        self.cycle()
+        while self.states() != {state}:
+            self.cycle()
+            assert time.monotonic() < end, f"drives are {self.states()}, not {state}"
+
+    def close(self) -> None:
+        for bus in self.buses.values():
+            bus.shutdown()
+
+
+@pytest.fixture(scope="module")
+def simulation() -> SimulationConfig:
+    return SimulationConfig.from_yaml(CONFIG / "simulation.yaml")
+
+
+@pytest.fixture
+def plant(noted_plant):
+    return noted_plant(8)
+
+
+@pytest.fixture
+def rig(simulation, plant):
+    config = two_buses()
+    with RobotEmulator(config, simulation, plant, EDS) as emulator:
+        master = Master(config)
+        master.configure()
+        yield emulator, master, plant
+        master.close()
+
+
+def test_enable_and_disable_over_two_buses(rig):
+    _, master, plant = rig
+    master.torque = dict.fromkeys(master.torque, -100)
+    master.lead(0x06, State.READY_TO_SWITCH_ON)
+    master.lead(0x07, State.SWITCHED_ON)
+    assert plant.brake_closed.all()
+    master.lead(0x0F, State.OPERATION_ENABLED)
+    end = time.monotonic() + 1.0
+    while plant.brake_closed.any() and time.monotonic() < end:
+        master.cycle()
+    assert not plant.brake_closed.any()
+    signs = [drive.units.polarity for drive in master.config.drives]
+    assert plant.torque == pytest.approx([-0.5 * sign for sign in signs])
+    assert len(master.cells) == 8
+    master.lead(0x07, State.SWITCHED_ON)
+    assert plant.brake_closed.all()
+    assert not plant.torque.any()
+
+
+def test_silent_master_ends_with_closed_brakes(rig):
+    emulator, master, plant = rig
+    for word, state in (
+        (0x06, State.READY_TO_SWITCH_ON),
+        (0x07, State.SWITCHED_ON),
+        (0x0F, State.OPERATION_ENABLED),
+    ):
+        master.lead(word, state)
+    for _ in range(20):
+        master.cycle()
+    assert not plant.brake_closed.any()
+    end = time.monotonic() + 1.0
+    while not plant.brake_closed.all() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert plant.brake_closed.all()
+    assert {drive.automaton.state for drive in emulator.drives} == {State.FAULT}
+
+
+def test_plant_follows_the_clock_without_sync(rig):
+    emulator, _, plant = rig
+    before = plant.time
+    time.sleep(0.2)
+    assert plant.time - before == pytest.approx(0.2, abs=0.1)
+    assert emulator.lag < 0.2
+
+
+def test_payload(rig):
+    emulator, _, plant = rig
+    emulator.change_payload(Payload(50.0, (0.0, 0.0, 0.0)))
+    time.sleep(0.1)
+    assert emulator.payload.mass == 50.0
+    emulator.change_payload(Payload(80.0, (0.0, 0.0, 0.0)), at=time.time() + 0.3)
+    assert plant.payload.mass == 50.0
+    time.sleep(0.5)
+    assert plant.payload.mass == 80.0
+
+
+def test_slack_cables_are_named(rig):
+    emulator, _, plant = rig
+    plant.cable_tensions[[2, 5]] = 0.0
+    time.sleep(0.1)
+    assert emulator.slack_cables() == (2, 5)
+
+
+def test_number_of_devices_must_fit(simulation, plant):
+    config = two_buses()
+    config = dataclasses.replace(config, drives=config.drives[:-1])
+    with pytest.raises(ConfigurationError, match="drives: lists 7 devices"):
+        RobotEmulator(config, simulation, plant, EDS)
+
+
+def test_missing_eds_file(simulation, plant, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"cia402_drive\.eds"):
+        RobotEmulator(two_buses(), simulation, plant, tmp_path)
+
+
+def test_missing_interface(simulation, plant):
+    config = two_buses()
+    right = dataclasses.replace(config.buses[1], interface="socketcan", channel="nocan7")
+    with pytest.raises(BusError, match="nocan7"):
+        RobotEmulator(dataclasses.replace(config, buses=(config.buses[0], right)), simulation, plant, EDS)

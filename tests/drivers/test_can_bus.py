@@ -1,0 +1,147 @@
+import errno
+import time
+
+import can
+import pytest
+
+from cspr_drivers.can_bus import CanPort, open_bus, open_ports
+from cspr_drivers.can_config import BusConfig, CanConfig
+from cspr_drivers.errors import BusError
+
+CAN0 = BusConfig("main", "socketcan", "can0", 1_000_000)
+
+
+def test_a_missing_interface_is_one_clear_line():
+    with pytest.raises(BusError) as error:
+        open_bus(BusConfig("main", "socketcan", "can_not_there", 1_000_000))
+    text = str(error.value)
+    assert text.startswith("CAN bus main (socketcan, channel can_not_there): ")
+    assert "there is no such interface" in text or "this kernel has no CAN support" in text
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OSError(errno.ENODEV, "No such device"), "there is no such interface; `ip link` lists them"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "the interface is in use by another program"),
+        (OSError(errno.EPERM, "Operation not permitted"), "this user may not use the interface"),
+        (PermissionError(errno.EACCES, "Permission denied"), "this user may not use the interface"),
+        (OSError(errno.EAFNOSUPPORT, "Address family"), "this kernel has no CAN support; `modprobe can_raw`"),
+        (
+            can.CanInitializationError("adapter busy", errno.EBUSY),
+            "the interface is in use by another program",
+        ),
+        (can.CanInitializationError("no adapter\nfound"), "no adapter found"),
+        (can.CanInterfaceNotImplementedError("x"), "python-can has no interface of this type"),
+        (ValueError("bad bit rate"), "bad bit rate"),
+    ],
+)
+def test_why_an_interface_cannot_be_opened(monkeypatch, error, words):
+    def refuse(**arguments):
+        raise error
+
+    monkeypatch.setattr(can, "Bus", refuse)
+    with pytest.raises(BusError) as raised:
+        open_bus(CAN0)
+    assert str(raised.value).startswith(f"CAN bus main (socketcan, channel can0): {words}")
+
+
+def test_an_interface_that_is_down_is_named(monkeypatch):
+    class Down:
+        closed = False
+
+        def recv(self, timeout):
+            raise can.CanOperationError("Failed to receive: Network is down", errno.ENETDOWN)
+
+        def shutdown(self):
+            self.closed = True
+
+    down = Down()
+    monkeypatch.setattr(can, "Bus", lambda **arguments: down)
+    with pytest.raises(
+        BusError, match="the interface is down; `ip link set can0 up type can bitrate 1000000`"
+    ):
+        open_bus(CAN0)
+    assert down.closed
+
+
+def test_an_unknown_interface_type_is_named():
+    with pytest.raises(BusError, match="python-can has no interface of this type"):
+        open_bus(BusConfig("main", "carrier_pigeon", "can0", 1_000_000))
+
+
+def test_buses_already_open_are_closed_when_a_later_one_fails(mapping, monkeypatch):
+    mapping["buses"]["second"] = {"interface": "carrier_pigeon", "channel": "x", "bitrate": 1_000_000}
+    closed = []
+    monkeypatch.setattr(CanPort, "close", lambda port: closed.append(port.name) or port.network.disconnect())
+    with pytest.raises(BusError, match="CAN bus second"):
+        open_ports(CanConfig.from_mapping(mapping, "can.yaml"))
+    assert closed == ["main"]
+
+
+class BrokenBus(can.BusABC):
+    """A bus that fails a few times, as an interface does that went down and came back."""
+
+    def __init__(self, failures):
+        super().__init__("broken")
+        self.failures = failures
+
+    def _recv_internal(self, timeout):
+        if self.failures:
+            self.failures -= 1
+            raise can.CanOperationError("Network is down", errno.ENETDOWN)
+        time.sleep(0.01)
+        return can.Message(arbitration_id=0x181, data=b"\x01"), False
+
+    def send(self, message, timeout=None):
+        raise can.CanOperationError("Transmit buffer full")
+
+
+def test_receiving_goes_on_after_failures_and_sending_reports(wait_until):
+    port = CanPort("main", BrokenBus(failures=2))
+    received = []
+    port.subscribe(0x181, lambda data, now: received.append(bytes(data)))
+    try:
+        wait_until(lambda: received)
+        assert port.bus_errors == 2
+        assert not port.send(can.Message(arbitration_id=0x201))
+        assert port.send_errors == 1
+        assert port.last_problem == "sending COB-ID 0x201: Transmit buffer full"
+        assert port.network.notifier.exception is None
+    finally:
+        port.close()
+
+
+def test_error_and_remote_frames_are_not_data(config, ports, far_end, wait_until):
+    received = []
+    ports["main"].subscribe(0x181, lambda data, now: received.append(bytes(data)))
+    far_end.bus.send(can.Message(arbitration_id=0x181, is_error_frame=True, is_extended_id=False))
+    far_end.bus.send(can.Message(arbitration_id=0x181, is_remote_frame=True, is_extended_id=False))
+    far_end.send(0x181, b"\x05")
+    wait_until(lambda: received)
+    assert received == [b"\x05"]
+    assert ports["main"].bus_errors == 1
+
+
+def test_frames_carry_the_time_at_which_they_were_on_the_bus(ports, far_end, wait_until):
+    times = []
+    ports["main"].subscribe(0x181, lambda data, now: times.append(now))
+    before = time.monotonic()
+    far_end.send(0x181, b"")
+    wait_until(lambda: times)
+    assert before - 1e-3 <= times[0] <= time.monotonic()
+    ports["main"].receive(can.Message(arbitration_id=0x181, timestamp=0.0))
+    assert times[1] == pytest.approx(time.monotonic(), abs=0.5)
+
+
+def test_a_second_producer_of_sync_is_a_problem(ports, far_end, wait_until):
+    beats = []
+    ports.on_sync(lambda now, stamp: beats.append(stamp))
+    far_end.send(0x080, b"")
+    wait_until(lambda: beats)
+    ports.send_sync()
+    far_end.send(0x080, b"")
+    wait_until(lambda: ports["main"].malformed_frames == 1)
+    assert "another device sends SYNC as well" in ports["main"].last_problem
+    assert len(beats) == 2

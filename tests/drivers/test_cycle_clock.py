@@ -1,0 +1,87 @@
+import time
+
+from cspr_drivers.commissioning import Commissioning
+from cspr_drivers.cycle_clock import CycleClock
+from cspr_drivers.errors import DeviceError
+
+
+def test_the_clock_keeps_its_grid(wait_until):
+    ticks = []
+    clock = CycleClock(0.01, ticks.append)
+    clock.start()
+    wait_until(lambda: len(ticks) + clock.skipped >= 30)
+    assert clock.running
+    clock.stop()
+    count = len(ticks)
+    assert not clock.running
+    moments = round((ticks[-1] - ticks[0]) / 0.01) + 1
+    assert abs(moments - (count + clock.skipped)) <= 1
+    time.sleep(0.03)
+    assert len(ticks) == count
+
+
+def test_a_call_that_takes_too_long_leaves_moments_out(wait_until):
+    ticks = []
+
+    def tick(now):
+        ticks.append(now)
+        if len(ticks) == 2:
+            time.sleep(0.1)
+
+    clock = CycleClock(0.01, tick)
+    clock.start()
+    wait_until(lambda: len(ticks) >= 5)
+    clock.stop()
+    assert clock.skipped >= 8
+    assert clock.worst_lateness >= 0.0
+    assert ticks[2] - ticks[1] >= 0.1
+    assert (ticks[4] - ticks[3]) > 0.001  # no burst
+
+
+def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until, monkeypatch):
+    monkeypatch.setattr("cspr_drivers.commissioning.RETRY_INTERVAL", 0.01)
+    attempts = []
+    problems = ["does not answer", "does not answer", "refuses", ""]
+    lines = []
+
+    def configure(index):
+        attempts.append(index)
+        problem = problems[min(len(attempts), len(problems)) - 1]
+        if problem:
+            raise DeviceError("motor_1", problem)
+
+    commissioning = Commissioning(["motor_1"], configure, lambda: True, lines.append)
+    assert commissioning.problems == {"motor_1": "not configured yet"}
+    commissioning.start()
+    wait_until(lambda: not commissioning.problems)
+    assert lines == ["motor_1: does not answer", "motor_1: refuses", "motor_1: ready"]
+    commissioning.request(0, "restarted")
+    wait_until(lambda: len(attempts) == 5)
+    commissioning.stop()
+
+
+def test_nothing_is_configured_while_it_is_not_allowed(wait_until, monkeypatch):
+    monkeypatch.setattr("cspr_drivers.commissioning.RETRY_INTERVAL", 0.01)
+    allowed = []
+    attempts = []
+    commissioning = Commissioning(["motor_1"], attempts.append, lambda: bool(allowed), print)
+    commissioning.start()
+    time.sleep(0.05)
+    assert attempts == []
+    allowed.append(True)
+    wait_until(lambda: attempts == [0])
+    commissioning.stop()
+
+
+def test_a_restart_during_configuration_asks_for_one_more_round(wait_until):
+    attempts = []
+
+    def configure(index):
+        attempts.append(index)
+        if len(attempts) == 1:
+            commissioning.request(0, "restarted")
+
+    commissioning = Commissioning(["motor_1"], configure, lambda: True, print)
+    commissioning.start()
+    wait_until(lambda: len(attempts) == 2 and not commissioning.problems)
+    commissioning.stop()

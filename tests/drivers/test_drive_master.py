@@ -1,0 +1,300 @@
+import math
+import time
+
+import can
+import pytest
+
+from cspr_drivers.can_bus import CanPort, CanPorts
+from cspr_drivers.drive_group import GroupState
+from cspr_drivers.drive_master import DriveMaster
+from cspr_drivers.errors import BusError
+
+# Status words, IEC 61800-7-201.
+FAULT = 0x08
+
+
+class Rig:
+    """A driver with its published states; answers every state with a torque unless told otherwise."""
+
+    def __init__(self, config, ports):
+        self.lines = []
+        self.states = []
+        self.torques = [1.0] * len(config.drives)
+        self.silent = set()
+        self.master = DriveMaster(config, ports, self._answer, self.lines.append)
+
+    def _answer(self, states):
+        self.states.append(states)
+        for index, torque in enumerate(self.torques):
+            if index not in self.silent:
+                self.master.command(index, states.stamp_ns, torque)
+
+    @property
+    def state(self):
+        return self.master.snapshot().state
+
+    @property
+    def cause(self):
+        return self.master.snapshot().cause
+
+
+@pytest.fixture
+def rig(config, ports):
+    rig = Rig(config, ports)
+    rig.master.start()
+    yield rig
+    rig.master.stop()
+
+
+@pytest.fixture
+def enabled(rig, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.master.enable() is None)
+    wait_until(lambda: rig.state is GroupState.ENABLED)
+    return rig
+
+
+def test_drives_are_configured_and_started(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    drive = far_end.drives[2]
+    assert drive.operational
+    assert drive.read(0x6060) == 10
+    assert drive.read(0x6072) == 2000  # 10 N m of 5 N m rated
+    assert drive.read(0x605A) == 2
+    assert drive.read(0x6007) == 3
+    assert drive.read(0x1016, 1) == 127 << 16 | 600
+    assert drive.read(0x1017) == 30
+    assert drive.read(0x1400, 1) == 0x203
+    assert drive.read(0x1400, 2) == 255
+    assert drive.read(0x1400, 5) == 100
+    assert [drive.read(0x1600, n) for n in (0, 1, 2)] == [2, 0x6040_0010, 0x6071_0010]
+    assert drive.read(0x1800, 1) == 0x183
+    assert drive.read(0x1800, 2) == 1
+    assert [drive.read(0x1A00, n) for n in (0, 1, 2, 3)] == [3, 0x6041_0010, 0x6064_0020, 0x6077_0010]
+    # A PDO is not valid while its mapping changes.
+    first_mapping = next(n for n, write in enumerate(drive.writes) if write[0] == 0x1600)
+    assert (0x1400, 1, (0x8000_0203).to_bytes(4, "little")) in drive.writes[:first_mapping]
+
+
+def test_states_carry_angle_speed_and_torque_with_polarity(rig, far_end, wait_until):
+    wait_until(lambda: len(rig.states) > 2)
+    far_end.drives[0].counts = 131072
+    far_end.drives[1].counts = 131072  # polarity -1
+    wait_until(lambda: rig.states[-1].angles[0] != 0.0)
+    moved = next(n for n, states in enumerate(rig.states) if states.angles[0] != 0.0)
+    assert rig.states[-1].angles[:2] == pytest.approx((2 * math.pi, -2 * math.pi))
+    assert rig.states[moved].speeds[0] > 100.0
+    wait_until(lambda: rig.states[-1].speeds[0] == 0.0)
+    assert rig.states[-1].torques[:2] == pytest.approx((1.0, 1.0))
+
+
+def test_torques_go_out_at_once_with_the_control_word(rig, far_end, wait_until):
+    wait_until(lambda: len(rig.states) > 3)
+    assert (0x0000, 200) in far_end.drives[0].rpdos
+    assert (0x0000, -200) in far_end.drives[1].rpdos
+
+
+def test_enable_and_disable(enabled, far_end, wait_until):
+    assert all(drive.status == 0x4027 for drive in far_end.drives)
+    assert next(word for word, _ in far_end.drives[0].rpdos if word) == 0x06
+    enabled.master.disable()
+    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    words = [word for word, _ in far_end.drives[0].rpdos]
+    assert words[words.index(0x0F) :].count(0x07) >= 1  # disable operation first
+    assert far_end.drives[0].rpdos[-1][1] == 200  # torque kept
+
+
+def test_statistics_count_enabled_cycles(enabled, wait_until):
+    wait_until(lambda: enabled.master.snapshot().statistics.cycles > 10)
+    statistics = enabled.master.snapshot().statistics
+    assert statistics.missed_cycles <= 3
+    assert statistics.latency.count == statistics.cycles - statistics.missed_cycles
+    assert 0.0 < statistics.latency.p50 <= statistics.latency.p99 <= statistics.latency.maximum
+
+
+def test_a_missing_command_is_a_missed_cycle(enabled, wait_until):
+    enabled.silent.add(4)
+    wait_until(lambda: enabled.master.snapshot().statistics.missed_cycles > 3)
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause == "no torque command within 300 ms for motor_5"
+
+
+@pytest.mark.parametrize(
+    ("torque", "words"),
+    [
+        (math.nan, "motor_2: torque command of nan N m not finite"),
+        (math.inf, "motor_2: torque command of inf N m not finite"),
+        (10.1, "motor_2: torque command of 10.1 N m beyond the torque limit"),
+    ],
+)
+def test_a_bad_torque_stops_the_drives_and_is_not_passed_on(enabled, far_end, wait_until, torque, words):
+    enabled.torques[1] = torque
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause == words
+    wait_until(lambda: all(drive.status == 0x40 for drive in far_end.drives))
+    assert all(0x02 in [word for word, _ in drive.rpdos] for drive in far_end.drives)
+    assert {torque for _, torque in far_end.drives[1].rpdos} <= {0, -200}
+
+
+def test_a_bad_torque_does_not_latch_while_disabled(rig, wait_until):
+    rig.torques[1] = math.nan
+    wait_until(lambda: rig.master.snapshot().rejected_commands > 0)
+    assert rig.state is not GroupState.FAULT
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.master.enable() == "no fresh torque commands for motor_2")
+
+
+def test_a_stale_command_stops_the_drives(enabled, wait_until):
+    enabled.master.command(0, enabled.states[-1].stamp_ns - 400_000_000, 1.0)
+    assert enabled.state is GroupState.FAULT
+    assert "motor_1: torque command of 1 N m older than the command timeout" in enabled.cause
+
+
+def test_an_unreadable_command_stops_the_drives(enabled):
+    enabled.master.reject_command(2, "JointState lacks motor_3")
+    assert enabled.state is GroupState.FAULT
+    assert enabled.cause == "motor_3: unreadable torque command: JointState lacks motor_3"
+
+
+def test_fault_is_latched_until_reset_and_enable_is_refused(enabled, far_end, wait_until):
+    enabled.master.quick_stop("quick stop commanded")
+    enabled.master.quick_stop("something later")
+    assert enabled.master.enable() == "a fault is latched: quick stop commanded; reset it first"
+    wait_until(lambda: enabled.master.fault_reset() is None)
+    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    assert all(drive.status == 0x40 for drive in far_end.drives)
+
+
+def test_fault_of_one_drive_stops_all_and_is_reset_by_a_rising_edge(enabled, far_end, wait_until):
+    far_end.send(0x083, bytes.fromhex("10 82 21 00 00 00 00 00"))
+    far_end.drives[2].status = FAULT
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause == "motor_3 is in fault (error code 0x8210)"
+    wait_until(lambda: enabled.master.fault_reset() is None)
+    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    words = [word for word, _ in far_end.drives[2].rpdos]
+    first = words.index(0x80)
+    assert not words[first - 1] & 0x80
+    assert not any(
+        0x80 in [word for word, _ in drive.rpdos] for drive in far_end.drives if drive.node_id != 3
+    )
+
+
+def test_a_drive_that_stays_in_fault_says_so(enabled, far_end, wait_until):
+    far_end.drives[5].obeys = False
+    far_end.drives[5].status = FAULT
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.master.fault_reset() is None)
+    wait_until(lambda: enabled.cause == "not reset: motor_6 is in fault")
+    assert enabled.state is GroupState.FAULT
+
+
+def test_a_silent_drive_stops_the_others(enabled, far_end, wait_until):
+    far_end.drives[6].answers_sync = False
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause.startswith(("motor_7: silent for", "no torque command within"))
+    wait_until(lambda: far_end.drives[0].status == 0x40)
+
+
+def test_a_missing_heartbeat_is_a_fault_in_motion(enabled, far_end, wait_until):
+    far_end.beating = False
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert "no heartbeat for" in enabled.cause
+
+
+def test_a_restart_in_motion_is_a_fault_and_reconfigured_after_it(enabled, far_end, wait_until):
+    drive = far_end.drives[3]
+    drive.operational = False
+    drive.status = 0x40
+    drive.writes.clear()
+    far_end.send(0x704, [0])
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause == "motor_4: restarted"
+    wait_until(lambda: drive.operational)
+    assert drive.writes
+    wait_until(lambda: enabled.master.fault_reset() is None)
+    wait_until(lambda: enabled.state is GroupState.DISABLED)
+
+
+def test_a_drive_that_does_not_answer_is_named_and_taken_in_later(config, ports, far_end, wait_until):
+    far_end.drives[4].answers_sdo = False
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert rig.lines == ["motor_5 (node 5 on main): does not answer"]
+        wait_until(
+            lambda: rig.master.snapshot().not_configured == {"motor_5 (node 5 on main)": "does not answer"}
+        )
+        wait_until(lambda: rig.master.enable() == "motor_5: does not answer")
+        far_end.drives[4].answers_sdo = True
+        wait_until(lambda: rig.state is GroupState.DISABLED)
+        assert rig.lines[-1] == "motor_5 (node 5 on main): ready"
+    finally:
+        rig.master.stop()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda drive: drive.aborts.update({(0x6072, 0): 0x0609_0030}),
+            "motor_1 (node 1 on main): refuses 6072h:00 (max torque, thousandths of the rated torque) "
+            "= 2000: Value range of parameter exceeded (abort code 0x06090030)",
+        ),
+        (
+            lambda drive: drive.objects.update({(0x6076, 0): (3200).to_bytes(4, "little")}),
+            "motor_1 (node 1 on main): 6076h:00 (motor rated torque, mN m) is 3200 (0xC80), expected 5000",
+        ),
+        (
+            lambda drive: drive.objects.update({(0x1000, 0): (0x0002_0191).to_bytes(4, "little")}),
+            "motor_1 (node 1 on main): 1000h:00 (device type) is 131473 (0x20191), expected 402",
+        ),
+        (
+            lambda drive: drive.objects.update({(0x6061, 0): b"\x08"}),
+            "motor_1 (node 1 on main): 6061h:00 (modes of operation display) is 8 (0x8), expected 10",
+        ),
+    ],
+)
+def test_a_drive_that_does_not_fit_is_named_with_the_object(
+    config, ports, far_end, wait_until, change, words
+):
+    change(far_end.drives[0])
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert rig.lines == [words]
+    finally:
+        rig.master.stop()
+
+
+def test_stop_closes_the_brakes_first(enabled, far_end):
+    enabled.master.stop()
+    assert all(drive.status == 0x40 for drive in far_end.drives)
+    time.sleep(0.05)
+    assert not any(drive.operational for drive in far_end.drives)
+
+
+def test_a_second_driver_does_not_start(rig, config, wait_until):
+    other = CanPorts([CanPort("main", can.Bus(interface="virtual", channel=config.buses[0].channel))])
+    try:
+        with pytest.raises(BusError, match="another driver is active on the CAN bus"):
+            DriveMaster(config, other, lambda states: None, lambda line: None).start()
+    finally:
+        other.close()
+
+
+def test_bad_frames_are_counted_named_and_not_used(rig, ports, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    far_end.send(0x181, bytes(7))
+    wait_until(lambda: ports["main"].malformed_frames == 1)
+    assert ports["main"].last_problem == "frame of COB-ID 0x181: frame of 7 bytes where 8 were expected"
+    far_end.send(0x181, bytes.fromhex("6F 00 00 00 00 00 00 00"))  # no state of CiA 402
+    wait_until(lambda: ports["main"].malformed_frames == 2)
+    far_end.send(0x1F1, bytes(8))
+    wait_until(lambda: ports["main"].unknown_frames == 1)
+    assert ports["main"].last_problem == "frame of unknown COB-ID 0x1F1"
+    far_end.send(0x081, b"\x00")  # an emergency frame cut short
+    wait_until(lambda: ports["main"].malformed_frames == 3)
+    assert rig.state is GroupState.DISABLED

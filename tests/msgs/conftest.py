@@ -1,0 +1,101 @@
+"""Fixtures for the message tests: a private corner of the middleware, and bags with known content."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.experimental.events_executor import EventsExecutor
+
+from cspr_msgs_py.bag_file import Attachment, BagFile
+from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.reference import VECTORS, ReferenceCodec, ReferenceSample
+from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, REFERENCE, Topic, motor_names
+
+
+@pytest.fixture(scope="session", autouse=True)
+def private_domain() -> None:
+    """Keep the tests on this machine and away from any other graph on it."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 60))
+
+
+@pytest.fixture
+def context(private_domain: None) -> Iterator[Context]:
+    context = Context()
+    rclpy.init(args=[], context=context)
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def executor(context: Context) -> Iterator[EventsExecutor]:
+    executor = EventsExecutor(context=context)
+    yield executor
+    for node in executor.get_nodes():
+        executor.remove_node(node)
+        node.destroy_node()
+    executor.shutdown()
+
+
+def recorded(topic: Topic) -> RecordedTopic:
+    return RecordedTopic(
+        topic.name,
+        topic.type,
+        message_definition(topic.type),
+        topic.reliability.value,
+        topic.durability.value,
+        topic.depth,
+    )
+
+
+class Recording:
+    """A recording with known content: one state a cycle of 4 ms, a reference every tenth, a silent topic."""
+
+    number = 2000
+    start = 1_700_000_000_000_000_000
+    codec = JointStateCodec(motor_names(8))
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def state(self, index: int) -> bytes:
+        motors = np.arange(8.0)
+        return self.codec.encode(self.start + index, index + motors, 2.0 * motors, -motors)
+
+    def reference(self, index: int) -> ReferenceSample:
+        rng = np.random.default_rng(index)
+        vectors = (rng.normal(size=size) for size in VECTORS.values())
+        return ReferenceSample(self.start + index, index * 0.004, *vectors)
+
+    def write(self, name: str = "bag", close: bool = True) -> Path:
+        """Write it as a bag of several chunks; unless it is closed, leave it as a power failure would."""
+        bag = BagFile(
+            self.directory / name, {"host": "here"}, [Attachment("config/robot.yaml", b"name: x\n")]
+        )
+        states, references, _ = (
+            bag.add_topic(recorded(topic)) for topic in (MOTOR_STATES, REFERENCE, PLATFORM_POSE)
+        )
+        reference_codec = ReferenceCodec()
+        for index in range(self.number):
+            time_ns = self.start + index * 4_000_000
+            bag.add_message(states, time_ns, time_ns, self.state(index))
+            if index % 10 == 0:
+                bag.add_message(references, time_ns, time_ns, reference_codec.encode(self.reference(index)))
+            if index % 250 == 249:
+                bag.sync()
+        if close:
+            bag.close()
+        else:
+            bag.abandon()
+        return bag.directory
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Recording:
+    return Recording(tmp_path)

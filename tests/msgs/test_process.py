@@ -1,0 +1,207 @@
+"""Each test runs a small program on run_nodes and looks at what it says and how it ends."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PROGRAM = """
+import os, sys, time
+from cspr_msgs_py.conversions import diagnostic_status
+from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.nodes.process import *
+from cspr_msgs_py.topics import MOTOR_STATES
+from cspr_msgs_py.joint_state import JointStateCodec
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+CASE = sys.argv.pop(1)
+
+class Worker(Node):
+    def __init__(self):
+        super().__init__("worker")
+        self.gain = declare(self, "gain", 1.0, "a gain", minimum=0.0, maximum=10.0, unit="N m")
+        self.names = declare(self, "limits", [1.0], "some numbers")
+        if CASE == "start error":
+            raise StartError("robot.yaml: key mass: -1 is negative")
+        if CASE == "missing file":
+            open("missing.yaml")
+        if CASE == "defect":
+            {}["key"]
+        if CASE == "slow start":
+            print("starting", flush=True)
+            time.sleep(60)
+        self.received = 0
+        self.codec = JointStateCodec(["motor_1"])
+        self.publisher = advertise_raw(self, MOTOR_STATES)
+        subscribe_raw(self, MOTOR_STATES, self.receive)
+        steady_timer(self, 0.005, self.publish)
+        self.diagnostics = Diagnostics(self, lambda: [diagnostic_status("worker", 0, "well")])
+        self.create_service(Trigger, "~/ask", lambda request, response: response)
+        self.client = self.create_client(Trigger, "/worker/ask")
+
+    def publish(self):
+        self.publisher.publish(self.codec.encode(time.time_ns(), [1.0], [2.0], [3.0]))
+
+    def receive(self, data):
+        assert self.codec.decode(data) is not None
+        self.received += 1
+        if self.received == 10:
+            self.client.call_async(Trigger.Request()).add_done_callback(self.answered)
+        if CASE == "raising callback" and self.received == 20:
+            raise ValueError("no such thing")
+
+    def answered(self, future):
+        future.result()
+        print("answered", flush=True)
+        if CASE == "raising answer":
+            raise StartError("the answer makes no sense")
+
+    def make_safe(self):
+        self.publish()
+        print("safe", flush=True)
+        if CASE == "not safe":
+            raise StartError("the brakes do not close")
+
+class Controller(Node):
+    def __init__(self):
+        super().__init__("controller", **LEAN_NODE)
+
+    def make_safe(self):
+        print("controller safe", flush=True)
+
+sys.exit(run_nodes(lambda: [Worker(), Controller()]))
+"""
+
+
+class Program:
+    def __init__(self, case: str, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, case, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.lines: list[str] = []
+
+    def wait_for(self, text: str) -> None:
+        for line in self.process.stdout:
+            self.lines.append(line)
+            if text in line:
+                return
+        raise AssertionError(f"{text!r} never came: {''.join(self.lines)}")
+
+    def end(self, *signals: int) -> tuple[int, str]:
+        for number in signals:
+            self.process.send_signal(number)
+            time.sleep(0.01)
+        try:
+            rest, _ = self.process.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise
+        return self.process.returncode, "".join(self.lines) + rest
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_makes_every_node_safe_and_ends_with_status_0(number: int) -> None:
+    program = Program("run")
+    program.wait_for("answered")
+    status, output = program.end(number)
+    assert status == 0
+    assert "worker ready" in output
+    assert "controller ready" in output
+    assert output.index("\nsafe") < output.index("controller safe")
+    assert "Traceback" not in output
+
+
+def test_impatience_does_not_interrupt_making_safe() -> None:
+    program = Program("run")
+    program.wait_for("answered")
+    status, output = program.end(signal.SIGINT, signal.SIGINT, signal.SIGTERM)
+    assert status == 0
+    assert "controller safe" in output
+
+
+def test_a_signal_during_the_start_ends_it() -> None:
+    program = Program("slow start")
+    program.wait_for("starting")
+    assert program.end(signal.SIGINT) == (0, "starting\n")
+
+
+@pytest.mark.parametrize(
+    ("case", "line"),
+    [
+        ("start error", "worker: robot.yaml: key mass: -1 is negative\n"),
+        ("missing file", "worker: [Errno 2] No such file or directory: 'missing.yaml'\n"),
+    ],
+)
+def test_an_error_at_the_start_is_one_line(case: str, line: str) -> None:
+    assert Program(case).end() == (1, line)
+
+
+def test_a_defect_comes_with_its_traceback() -> None:
+    status, output = Program("defect").end()
+    assert status == 1
+    assert "Traceback" in output
+    assert output.endswith("worker: KeyError: 'key'\n")
+
+
+def test_a_raising_callback_ends_the_process_safely() -> None:
+    status, output = Program("raising callback").end()
+    assert status == 1
+    assert "worker: ValueError: no such thing\n" in output
+    assert "controller safe" in output
+
+
+def test_a_raising_answer_ends_the_process_safely() -> None:
+    status, output = Program("raising answer").end()
+    assert status == 1
+    assert "worker: the answer makes no sense\n" in output
+    assert "controller safe" in output
+
+
+def test_a_node_that_cannot_be_made_safe_does_not_keep_the_others_from_it() -> None:
+    program = Program("not safe")
+    program.wait_for("answered")
+    status, output = program.end(signal.SIGTERM)
+    assert status == 1
+    assert "worker: the brakes do not close\n" in output
+    assert "controller safe" in output
+
+
+def test_a_wrong_parameter_is_one_line() -> None:
+    status, output = Program("run", "--ros-args", "-p", "gain:=-1.0").end()
+    assert status == 1
+    assert output.startswith("worker: parameter gain: ")
+    assert "out of range Min: 0.0, Max: 10.0" in output
+    assert output.count("\n") == 1
+
+
+def test_a_parameter_file_that_is_not_there() -> None:
+    status, output = Program("run", "--ros-args", "--params-file", "missing.yaml").end()
+    assert status == 1
+    assert "missing.yaml" in output.splitlines()[-1]
+    assert "Traceback" not in output
+
+
+def test_arguments_that_nobody_takes() -> None:
+    status, output = Program("run", "-p", "gain:=2.0").end()
+    assert status == 2
+    assert "unknown arguments: -p gain:=2.0; parameters follow --ros-args" in output
+
+
+def test_priority_is_set_or_its_refusal_names_the_privilege() -> None:
+    program = Program("run", "--ros-args", "-p", "realtime_priority:=10")
+    program.wait_for("answered")
+    policies = {
+        os.sched_getscheduler(int(task.name)) for task in Path(f"/proc/{program.process.pid}/task").iterdir()
+    }
+    status, output = program.end(signal.SIGTERM)
+    assert status == 0
+    if policies != {os.SCHED_FIFO}:
+        assert "CAP_SYS_NICE" in output
