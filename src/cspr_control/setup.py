@@ -23,10 +23,10 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "scipy", "cspr_kinematics", "cspr_msgs_py"],
+    install_requires=["setuptools", "numpy", "scipy", "pyyaml", "cspr_kinematics", "cspr_msgs_py"],
     zip_safe=True,
     maintainer="CSPR developers",
-    maintainer_email="developers@cspr-control.org",
+    maintainer_email="developers@example.org",
     description="Trajectories, feed-forward, motor control, payload estimation and supervision",
     license="Apache-2.0",
     entry_points={

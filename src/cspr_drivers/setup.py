@@ -25,7 +25,7 @@ setup(
     extras_require={"simulation": ["mujoco"]},
     zip_safe=True,
     maintainer="CSPR developers",
-    maintainer_email="developers@cspr-control.org",
+    maintainer_email="developers@example.org",
     description="CiA 402 drives and CiA 404 load cells over CAN, and their simulation",
     license="Apache-2.0",
     entry_points={

@@ -16,7 +16,7 @@ setup(
     install_requires=["setuptools", "numpy", "scipy", "pyyaml"],
     zip_safe=True,
     maintainer="CSPR developers",
-    maintainer_email="developers@cspr-control.org",
+    maintainer_email="developers@example.org",
     description="Geometry, statics and dynamics of cable-suspended parallel robots",
     license="Apache-2.0",
     entry_points={"console_scripts": []},

@@ -16,7 +16,7 @@ setup(
     install_requires=["setuptools", "numpy", "pyyaml", "mcap>=1.5"],
     zip_safe=True,
     maintainer="CSPR developers",
-    maintainer_email="developers@cspr-control.org",
+    maintainer_email="developers@example.org",
     description="Topics, message conversion and MCAP bags of the cable robot",
     license="Apache-2.0",
     entry_points={"console_scripts": ["recorder = cspr_msgs_py.nodes.recorder:main"]},

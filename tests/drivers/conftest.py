@@ -173,12 +173,18 @@ class ScriptedBus:
                 self.send(0x180 + node.node_id, node.tpdo())
 
 
+@pytest.fixture(scope="session")
+def shipped():
+    """The shipped configuration as a mapping."""
+    return yaml.safe_load((REPOSITORY / "config" / "can.yaml").read_text())
+
+
 @pytest.fixture
-def mapping():
-    """The shipped configuration as a mapping, on a virtual bus of its own, for a test to change."""
-    content = yaml.safe_load((REPOSITORY / "config" / "can.yaml").read_text())
+def mapping(shipped):
+    """The shipped configuration, on a virtual bus of its own, for a test to change."""
+    content = copy.deepcopy(shipped)
     content["buses"]["main"].update(interface="virtual", channel=f"drivers-{next(CHANNELS)}")
-    return copy.deepcopy(content)
+    return content
 
 
 @pytest.fixture
@@ -191,7 +197,7 @@ def config(mapping):
         heartbeat_producer=0.03,
         heartbeat_consumer=0.6,
         sdo=0.1,
-        stop=0.5,
+        stop=0.3,
         enable=0.5,
     )
     return CanConfig.from_mapping(mapping, "can.yaml")

@@ -11,9 +11,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-import can
-
-from cspr_drivers.can_bus import CanPorts
+from cspr_drivers.can_bus import CanPorts, CyclicFrame
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
 from cspr_drivers.command_check import CommandCheck, CommandFault
@@ -86,10 +84,8 @@ class DriveMaster:
         self._status_place = tpdo.position(STATUS_WORD)
         self._position_place = tpdo.position(POSITION_ACTUAL)
         self._torque_place = tpdo.position(TORQUE_ACTUAL)
-        self._heartbeat = can.Message(
-            arbitration_id=cob_id(FunctionCode.HEARTBEAT, config.master_node_id),
-            data=[OPERATIONAL],
-            is_extended_id=False,
+        self._heartbeat = CyclicFrame(
+            cob_id(FunctionCode.HEARTBEAT, config.master_node_id), bytes([OPERATIONAL])
         )
         self._heartbeat_due = 0.0
         self._other_driver = threading.Event()

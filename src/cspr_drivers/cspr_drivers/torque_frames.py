@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import can
-
-from cspr_drivers.can_bus import CanPort, CanPorts
+from cspr_drivers.can_bus import CanPort, CanPorts, CyclicFrame
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.frame_table import CONTROL_WORD, TARGET_TORQUE, FunctionCode, cob_id
 
@@ -40,19 +38,16 @@ class TorqueFrame:
         self._word_place = self._layout.position(CONTROL_WORD)
         self._torque_place = self._layout.position(TARGET_TORQUE)
         self._values = [0, 0]
-        self._message = can.Message(
-            arbitration_id=cob_id(FunctionCode.RPDO1, node_id), dlc=self._layout.length, is_extended_id=False
-        )
+        self._frame = CyclicFrame(cob_id(FunctionCode.RPDO1, node_id))
 
     def send(self, control_word: int) -> bool:
         """Put control word and torque on the bus; return whether that went well."""
         self._values[self._word_place] = control_word
         self._values[self._torque_place] = self.torque
-        # Bytes, not the usual bytearray: the virtual bus copies messages deeply, and bytes cost nothing.
-        self._message.data = self._layout.encode(*self._values)
+        self._frame.assign(self._layout.encode(*self._values))
         self.sent = True
         self.control_word = control_word
-        return self._port.send(self._message)
+        return self._port.send(self._frame)
 
 
 def torque_frames(config: CanConfig, ports: CanPorts) -> list[TorqueFrame]:

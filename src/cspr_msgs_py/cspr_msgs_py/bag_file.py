@@ -73,6 +73,8 @@ class BagFile:
     attachments : sequence of Attachment
         Written first, so that they survive whatever happens later.
     compression : Compression
+    start_ns : int
+        Time that the attachments bear.
 
     Raises
     ------

@@ -4,6 +4,7 @@ import dataclasses
 import struct
 import time
 import uuid
+from contextlib import contextmanager
 from pathlib import Path
 
 import can
@@ -78,7 +79,7 @@ class Master:
                     sdo = network.add_node(drive.node_id, canopen.ObjectDictionary()).sdo
                     write(sdo, 0x6060, 0, 10, 1)
                     write(sdo, 0x6072, 0, drive.units.max_torque, 2)
-                    write(sdo, 0x1016, 1, MASTER_ID << 16 | 200, 4)
+                    write(sdo, 0x1016, 1, MASTER_ID << 16 | 500, 4)
                     write_pdo(sdo, 0x1400, 0x200 + drive.node_id, 255, pdo.drive_rpdo.mapping)
                     write_pdo(sdo, 0x1800, 0x180 + drive.node_id, 1, pdo.drive_tpdo.mapping)
                 for cell in [cell for cell in self.config.load_cells if cell.bus == bus.name]:
@@ -119,7 +120,7 @@ class Master:
     def lead(self, word: int, state: State) -> None:
         """Send a control word until all drives report a state."""
         self.word = word
-        end = time.monotonic() + 2.0
+        end = time.monotonic() + 5.0
         self.cycle()
         while self.states() != {state}:
             self.cycle()
@@ -140,14 +141,23 @@ def plant(noted_plant):
     return noted_plant(8)
 
 
-@pytest.fixture
-def rig(simulation, plant):
+@contextmanager
+def operated(simulation, plant):
+    """Return devices around a plant, and a master that has configured them."""
     config = two_buses()
     with RobotEmulator(config, simulation, plant, EDS) as emulator:
         master = Master(config)
-        master.configure()
+        try:
+            master.configure()
+            yield emulator, master
+        finally:
+            master.close()
+
+
+@pytest.fixture
+def rig(simulation, plant):
+    with operated(simulation, plant) as (emulator, master):
         yield emulator, master, plant
-        master.close()
 
 
 def test_enable_and_disable_over_two_buses(rig):
@@ -157,7 +167,7 @@ def test_enable_and_disable_over_two_buses(rig):
     master.lead(0x07, State.SWITCHED_ON)
     assert plant.brake_closed.all()
     master.lead(0x0F, State.OPERATION_ENABLED)
-    end = time.monotonic() + 1.0
+    end = time.monotonic() + 5.0
     while plant.brake_closed.any() and time.monotonic() < end:
         master.cycle()
     assert not plant.brake_closed.any()
@@ -180,11 +190,57 @@ def test_silent_master_ends_with_closed_brakes(rig):
     for _ in range(20):
         master.cycle()
     assert not plant.brake_closed.any()
-    end = time.monotonic() + 1.0
+    end = time.monotonic() + 5.0
     while not plant.brake_closed.all() and time.monotonic() < end:
         time.sleep(0.01)
     assert plant.brake_closed.all()
     assert {drive.automaton.state for drive in emulator.drives} == {State.FAULT}
+
+
+def test_load_does_not_drop_when_the_master_falls_silent(simulation):
+    """Brakes, enabling, holding and quick stop on the machine itself: the platform stays where it is."""
+    pytest.importorskip("mujoco")
+    from cspr_drivers.simulation.plant import Plant
+
+    plant = Plant(simulation)
+    winch = simulation.robot.winch
+    with operated(simulation, plant) as (emulator, master):
+        start = plant.platform_position()
+        holding = winch.motor_torque(plant.tensions())
+        for drive, torque in zip(master.config.drives, holding, strict=True):
+            master.torque[drive.node_id] = drive.units.per_mille(torque)
+        for word, state in (
+            (0x06, State.READY_TO_SWITCH_ON),
+            (0x07, State.SWITCHED_ON),
+            (0x0F, State.OPERATION_ENABLED),
+        ):
+            master.lead(word, state)
+        for _ in range(25):
+            master.cycle()
+        assert all(drive.automaton.brake_open for drive in emulator.drives)
+        end = time.monotonic() + 5.0
+        while any(drive.automaton.powered for drive in emulator.drives) and time.monotonic() < end:
+            time.sleep(0.01)
+        time.sleep(0.1)
+        with emulator.machine.lock:
+            assert not any(drive.automaton.powered for drive in emulator.drives)
+            assert plant.platform_position() == pytest.approx(start, abs=1e-3)
+            assert plant.tensions().min() > 0.0
+
+
+def test_syncs_seen_too_late_are_not_answered(rig):
+    emulator, master, _ = rig
+    with emulator.machine.lock:
+        for _ in range(10):
+            for bus in master.buses:
+                master.send(bus, 0x080)
+        time.sleep(0.1)
+    end = time.monotonic() + 5.0
+    while emulator.missed_syncs < 20 and time.monotonic() < end:
+        time.sleep(0.01)
+    assert emulator.missed_syncs == 20
+    master.cycle()
+    assert len(master.cells) == 8
 
 
 def test_plant_follows_the_clock_without_sync(rig):

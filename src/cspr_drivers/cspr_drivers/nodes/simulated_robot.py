@@ -6,6 +6,7 @@ import dataclasses
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
@@ -29,6 +30,11 @@ _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagno
 class SimulatedRobot(Node):
     """Owner of the simulated machine: publishes its true payload and changes it on request.
 
+    Parameters
+    ----------
+    **options
+        Options of `rclpy.node.Node`.
+
     Attributes
     ----------
     config
@@ -37,8 +43,8 @@ class SimulatedRobot(Node):
         The driver's ends of these buses.
     """
 
-    def __init__(self) -> None:
-        super().__init__("simulated_robot")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("simulated_robot", **options)
         self.config = on_virtual_buses(load_config(self))
         path = declare(
             self,
@@ -97,6 +103,7 @@ class SimulatedRobot(Node):
         emulator = self._emulator
         lag = emulator.lag
         values = {
+            "missed_syncs": emulator.missed_syncs,
             "plant_lag_ms": f"{1e3 * lag:.1f}",
             "payload_kg": f"{emulator.payload.mass:g}",
             "brakes_open": sum(drive.automaton.brake_open for drive in emulator.drives),
@@ -121,11 +128,11 @@ def on_virtual_buses(config: CanConfig) -> CanConfig:
     return dataclasses.replace(config, buses=buses)
 
 
-def create_nodes() -> list[Node]:
+def create_nodes(**options: Any) -> list[Node]:
     """Return the drivers' nodes and, last to be destroyed, the one that owns what is behind them."""
-    simulated = SimulatedRobot()
-    drives = CanDrives(simulated.config, simulated.ports)
-    return [drives, LoadCells(simulated.config, simulated.ports), simulated]
+    simulated = SimulatedRobot(**options)
+    drives = CanDrives(simulated.config, simulated.ports, **options)
+    return [drives, LoadCells(simulated.config, simulated.ports, **options), simulated]
 
 
 def _plant(simulation: SimulationConfig):

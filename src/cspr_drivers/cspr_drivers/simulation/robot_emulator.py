@@ -31,6 +31,9 @@ _LATE = 0.02  # s by which the thread may be late before silence of the master p
 # Between SYNCs the plant follows the clock at this distance, so that it never overtakes a SYNC still unread,
 # whose time stamp says for when the devices have to measure.
 _PLANT_LAG = 0.03  # s
+# s after which a SYNC is not answered any more: devices do not have yesterday's SYNC in a queue, and answering
+# would keep a computer that was held up busy with the past.
+_STALE = 0.05
 _LONGEST_CLOSING = 0.1  # s until the receiving thread of a bus sees that it shall end
 
 
@@ -50,6 +53,15 @@ class RobotEmulator:
         The machine's model, at its time 0.
     eds_directory
         Directory of the EDS files `cia402_drive.eds` and `cia404_load_cell.eds`.
+
+    Attributes
+    ----------
+    machine
+        The plant with its lock and time.
+    drives, load_cells
+        The devices, in the order of the cables.
+    missed_syncs
+        SYNCs that were not answered because they came to be seen too late.
 
     Raises
     ------
@@ -98,6 +110,7 @@ class RobotEmulator:
         )
         self._nodes: tuple[EmulatedNode, ...] = (*self.drives, *self.load_cells)
         self._networks: list[canopen.Network] = []
+        self.missed_syncs = 0
         self._last_tick = 0.0
         self._stopping = threading.Event()
         self._ticker = threading.Thread(target=self._keep_time, name="emulated devices", daemon=True)
@@ -182,6 +195,9 @@ class RobotEmulator:
         machine = self.machine
         with machine.lock:
             time = machine.time_at(timestamp)
+            if machine.now() - time > _STALE:
+                self.missed_syncs += 1
+                return
             machine.advance(time)
             for node in nodes:
                 node.sync(time)

@@ -46,11 +46,13 @@ __all__ = [
 LEAN_NODE: Final = {"enable_rosout": False, "start_parameter_services": False}
 """Keyword arguments of :class:`rclpy.node.Node` for nodes of which a process or a graph has many."""
 
-_COLLECTION_PERIOD = 10.0  # s between garbage collections; also the longest time_out the executor is given
+_COLLECTION_PERIOD = 60.0  # s between garbage collections
 _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def run_nodes(factory: Callable[[], Sequence[Node]], args: Sequence[str] | None = None) -> int:
+def run_nodes(
+    factory: Callable[[], Sequence[Node]], args: Sequence[str] | None = None, *, realtime: bool = True
+) -> int:
     """Run the nodes that `factory` creates until SIGINT or SIGTERM, and return the exit status.
 
     On either signal, and when a callback raises, each node's ``make_safe()`` is called if it has one; the
@@ -64,6 +66,8 @@ def run_nodes(factory: Callable[[], Sequence[Node]], args: Sequence[str] | None 
         Creates the nodes; called when rclpy is initialised.
     args : sequence of str, optional
         Command line with the program's name first; that of the process by default.
+    realtime : bool
+        Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
 
     Returns
     -------
@@ -83,19 +87,20 @@ def run_nodes(factory: Callable[[], Sequence[Node]], args: Sequence[str] | None 
                 file=sys.stderr,
             )
             return 2
-        return _run(factory, program)
+        return _run(factory, program, realtime)
     finally:
         rclpy.try_shutdown()
 
 
-def _run(factory: Callable[[], Sequence[Node]], program: str) -> int:
+def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) -> int:
     nodes: list[Node] = []
     status = 0
     with _stop_on_signal() as stop:
         try:
             nodes += factory()
             stop.armed = True
-            _set_priority(nodes)
+            if realtime:
+                _set_priority(nodes)
             _spin(nodes, stop.future)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
@@ -113,9 +118,7 @@ class _Stop:
 
     def __init__(self) -> None:
         self.future = Future()
-        self.armed = (
-            False  # whether the executor listens to the future; before, a signal interrupts the start
-        )
+        self.armed = False  # whether nodes are there to be made safe; before, a signal interrupts the start
 
     def request(self) -> None:
         if not self.future.done():
@@ -168,16 +171,14 @@ def _spin(nodes: Sequence[Node], stop: Future) -> None:
     try:
         for node in nodes:
             executor.add_node(node)
-        # What exists now stays until the end; the cycle collector need not walk it again, and it runs when
-        # we say.
+        # What exists now stays until the end: the collector need not walk it again, nor choose its moment.
         gc.collect()
         gc.freeze()
         gc.disable()
         for node in nodes:
             node.get_logger().info(f"{node.get_name()} ready")
         while not stop.done() and rclpy.ok():
-            # Without a time-out EventsExecutor's wait can overflow and spin at full load without any
-            # callback.
+            # Without a time-out the wait can overflow: the executor then runs at full load and calls nobody.
             executor.spin_until_future_complete(stop, timeout_sec=_COLLECTION_PERIOD)
             gc.collect()
     finally:

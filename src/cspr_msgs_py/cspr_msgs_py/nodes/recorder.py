@@ -130,7 +130,7 @@ class Recorder(Node):
             now = time.time_ns()
             if index is None:
                 index = self._writer.add_topic(self._describe(name, type_name))
-            write(index, now, now, data)
+            write(index, now, now, data)  # the executor does not tell when the message was published
 
         self.create_subscription(message_class(type_name), name, receive, profile, raw=True)
         self._recorded.add(name)
@@ -194,7 +194,8 @@ def _information(started: datetime, control_rate: float) -> dict[str, str]:
 
 def main() -> int:
     """Run the recorder until SIGINT or SIGTERM."""
-    return run_nodes(lambda: [Recorder()])
+    # A priority given to all nodes of the graph is not for this one: the control loop comes first.
+    return run_nodes(lambda: [Recorder()], realtime=False)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,163 @@
+"""The simulated robot as a node: drivers, devices and plant in one process, seen from the topics."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from cspr_drivers.errors import ConfigurationError, DriverError
+from cspr_drivers.nodes.simulated_robot import SimulatedRobot, create_nodes
+from cspr_msgs_py.conversions import from_diagnostic_array, from_inertia_stamped, inertia_stamped
+from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.nodes.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    DIAGNOSTICS,
+    DRIVE_STATES,
+    MOTOR_STATES,
+    SET_SIMULATED_PAYLOAD,
+    SIMULATED_PAYLOAD,
+    cable_names,
+    motor_names,
+)
+
+pytest.importorskip("mujoco")
+
+ROOT = Path(__file__).parents[3]
+PATIENCE = 15.0
+
+
+def parameters(**files: Path) -> list[Parameter]:
+    files = {
+        "can_config": ROOT / "config" / "can.yaml",
+        "simulation_config": ROOT / "config" / "simulation.yaml",
+    } | files
+    return [Parameter(name, value=str(path)) for name, path in files.items()]
+
+
+@pytest.fixture
+def context():
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 60))
+    context = Context()
+    rclpy.init(args=[], context=context)
+    yield context
+    context.try_shutdown()
+
+
+class Observer:
+    """All nodes of the process and a listener, spun by the test."""
+
+    def __init__(self, context: Context) -> None:
+        self.nodes = create_nodes(context=context, parameter_overrides=parameters())
+        self.probe = rclpy.create_node("probe", context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        for node in (*self.nodes, self.probe):
+            self.executor.add_node(node)
+        self.payloads: list[tuple[int, float, np.ndarray]] = []
+        self.tensions = None
+        self.states = None
+        self.drive_state = ""
+        self.health: dict = {}
+        motors = JointStateCodec(motor_names(8))
+        cables = JointStateCodec(cable_names(8), position=False, velocity=False)
+        subscribe(self.probe, SIMULATED_PAYLOAD, lambda m: self.payloads.append(from_inertia_stamped(m)))
+        subscribe(self.probe, DRIVE_STATES, self._drives)
+        subscribe(self.probe, DIAGNOSTICS, lambda m: self.health.update(from_diagnostic_array(m)))
+        subscribe_raw(self.probe, MOTOR_STATES, lambda b: setattr(self, "states", motors.decode(b)))
+        subscribe_raw(self.probe, CABLE_TENSIONS, lambda b: setattr(self, "tensions", cables.decode(b)))
+        self.commands = advertise(self.probe, SET_SIMULATED_PAYLOAD)
+
+    def _drives(self, message) -> None:
+        self.drive_state = from_diagnostic_array(message)["can_drives"][1]
+
+    def until(self, condition) -> None:
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, f"nothing came of it; {self.drive_state}; {self.health}"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self) -> None:
+        for node in self.nodes:
+            self.executor.remove_node(node)
+            if hasattr(node, "make_safe"):
+                node.make_safe()
+        for node in self.nodes:
+            node.destroy_node()
+        self.executor.remove_node(self.probe)
+        self.probe.destroy_node()
+        self.executor.shutdown()
+
+
+@pytest.fixture
+def observer(context):
+    observer = Observer(context)
+    yield observer
+    observer.close()
+
+
+def test_simulated_robot(observer):
+    """The drivers find their devices, the payload is published and changes on request, and nonsense is refused."""
+    observer.until(lambda: observer.drive_state == "disabled" and observer.tensions and observer.states)
+    assert np.abs(observer.states.position).max() < 0.01
+    assert observer.tensions.effort.min() > 50.0
+    before = observer.tensions.effort.sum()
+    observer.until(lambda: observer.payloads)
+    assert observer.payloads[-1][1] == 0.0
+
+    at = time.time_ns() + 300_000_000
+    observer.commands.publish(inertia_stamped(at, 60.0, (0.0, 0.01, -0.02)))
+    observer.until(lambda: observer.payloads[-1][1] == 60.0)
+    changed = next(stamp for stamp, mass, _ in observer.payloads if mass == 60.0)
+    assert -0.005 < (changed - at) * 1e-9 < 1.0
+    assert observer.payloads[-1][2] == pytest.approx([0.0, 0.01, -0.02])
+    observer.until(lambda: observer.tensions.effort.sum() > before + 100.0)
+
+    observer.commands.publish(inertia_stamped(0, -1.0, (0.0, 0.0, 0.0)))
+    observer.commands.publish(inertia_stamped(0, float("nan"), (0.0, 0.0, 0.0)))
+    observer.commands.publish(inertia_stamped(0, 1.0, (0.0, 0.0, 0.0), frame_id="base"))
+    observer.until(
+        lambda: observer.health.get("simulated_robot", (0, "", {}))[2].get("refused_payloads") == "3"
+    )
+    assert observer.payloads[-1][1] == 60.0
+
+    simulated = observer.nodes[-1]
+    with simulated._emulator.machine.lock:
+        simulated._emulator.machine.failure = DriverError("the simulated machine diverged")
+    with pytest.raises(DriverError, match="diverged"):
+        observer.until(lambda: False)
+
+
+def test_missing_simulation_file(context, tmp_path):
+    missing = tmp_path / "simulation.yaml"
+    with pytest.raises(ConfigurationError, match=str(missing)):
+        SimulatedRobot(context=context, parameter_overrides=parameters(simulation_config=missing))
+
+
+def test_without_mujoco_the_process_ends_with_one_line():
+    code = (
+        "import sys; sys.modules['mujoco'] = None\n"
+        "from cspr_drivers.nodes.simulated_robot import main\n"
+        "sys.exit(main())"
+    )
+    isolated = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(40 + os.getpid() % 60)}
+    process = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=os.environ | isolated,
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert process.returncode == 1
+    assert process.stderr.strip().startswith("simulated_robot: the simulation needs MuJoCo")
+    assert len(process.stderr.strip().splitlines()) == 1
