@@ -40,6 +40,11 @@ class CycleClock:
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(timeout=1.0)
 
+    def clear(self) -> None:
+        """Restart the statistics."""
+        self._skipped = 0
+        self._worst_lateness = 0.0
+
     @property
     def running(self) -> bool:
         """Whether the clock is calling."""
@@ -47,12 +52,12 @@ class CycleClock:
 
     @property
     def skipped(self) -> int:
-        """Moments that were left out."""
+        """Moments that were left out since the last `clear`."""
         return self._skipped
 
     @property
     def worst_lateness(self) -> float:
-        """Largest delay of a call behind its moment, s."""
+        """Largest delay of a call behind its moment since the last `clear`, s."""
         return self._worst_lateness
 
     def _run(self) -> None:

@@ -188,6 +188,7 @@ class DriveMaster:
             refusal = self._group.enable(time.monotonic())
             if refusal is None:
                 self._cycle.clear()
+                self._clock.clear()
             return refusal
 
     def disable(self) -> None:

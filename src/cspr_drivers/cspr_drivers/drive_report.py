@@ -34,7 +34,7 @@ class DriveReport:
     rejected_commands, last_rejection
         Commands that were not passed on, and the newest of them in words.
     skipped_cycles, worst_lateness
-        Of the clock: SYNC frames left out, and the largest delay of one, s.
+        Of the clock, since the drives were last enabled: SYNC frames left out, and the largest delay of one, s.
     clock_running
         Whether SYNC frames go out.
     """

@@ -91,8 +91,9 @@ class TensionCycle:
             return None
         self._values[index] = tension
         self._count += 1
-        tensions = tuple(value for value in self._values if value is not None)
-        return CompleteTensions(self._stamp, tensions) if len(tensions) == len(self._names) else None
+        if self._count < len(self._names):
+            return None
+        return CompleteTensions(self._stamp, tuple(value for value in self._values if value is not None))
 
     def tare_refusal(self, limit: float) -> str | None:
         """Return why the cells must not be tared now, or `None`.

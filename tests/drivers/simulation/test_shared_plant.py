@@ -26,6 +26,14 @@ def test_stamps_of_another_clock_are_replaced(clock, noted_plant, stamp):
     assert machine.time_at(stamp) == pytest.approx(0.25)
 
 
+def test_a_system_clock_that_was_set_is_followed(noted_plant):
+    steady, offset = 100.0, 1.7e9
+    machine = SharedPlant(noted_plant(), (), lambda: steady, lambda: steady + offset)
+    steady, offset = 101.0, 1.7e9 - 0.4
+    machine.align()
+    assert machine.time_at(steady + offset) == pytest.approx(1.0, abs=1e-6)
+
+
 def test_payloads_arrive_in_time(clock, noted_plant):
     plant = noted_plant()
     machine = SharedPlant(plant, (PayloadChange(2.0, payload(20.0)),), clock.steady, clock.system)

@@ -17,6 +17,7 @@ from cspr_drivers.can_config import CanConfig
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives, load_config
 from cspr_drivers.nodes.load_cells import LoadCells
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
+from cspr_drivers.simulation.shared_plant import PlantModel
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped, inertia_stamped
@@ -24,6 +25,7 @@ from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer, subscribe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
 
+_PAYLOAD_PERIOD = 0.02  # s
 _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn
 
 
@@ -66,7 +68,7 @@ class SimulatedRobot(Node):
         self._refused_payloads = 0
         self._slack: tuple[int, ...] = ()
         self._slack_events = 0
-        steady_timer(self, 1.0 / SIMULATED_PAYLOAD.rate, self._watch)
+        steady_timer(self, _PAYLOAD_PERIOD, self._watch)
         self._diagnostics = Diagnostics(self, self._report)
 
     def destroy_node(self) -> None:
@@ -135,7 +137,7 @@ def create_nodes(**options: Any) -> list[Node]:
     return [drives, LoadCells(simulated.config, simulated.ports, **options), simulated]
 
 
-def _plant(simulation: SimulationConfig):
+def _plant(simulation: SimulationConfig) -> PlantModel:
     try:
         from cspr_drivers.simulation.plant import Plant
     except ImportError as error:

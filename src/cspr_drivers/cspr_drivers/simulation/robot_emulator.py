@@ -212,6 +212,7 @@ class RobotEmulator:
             due += _IDLE_TICK if settled else _TICK
             if self._stopping.wait(max(0.0, due - machine.now())):
                 return
+            machine.align()
             with machine.lock:
                 now = machine.now()
                 late = now - due > _LATE

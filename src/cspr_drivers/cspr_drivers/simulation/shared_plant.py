@@ -23,6 +23,9 @@ FloatArray = NDArray[np.float64]
 # system clock that was set meanwhile): the time of reception counts instead.
 _LARGEST_FRAME_AGE = 1.0
 
+# s. Two clocks are compared only when they could be read within this time of each other.
+_SIMULTANEOUS = 1e-5
+
 
 class PlantModel(Protocol):
     """What the devices need of the simulated machine; `cspr_drivers.simulation.plant.Plant` is one.
@@ -98,7 +101,7 @@ class Measurement:
 class SharedPlant:
     """A plant, its lock, and the relation of its time to the clocks of this computer.
 
-    Whoever calls a method other than `now` and `time_at` holds `lock`.
+    Whoever calls a method other than `now`, `time_at` and `align` holds `lock`.
 
     Parameters
     ----------
@@ -107,7 +110,7 @@ class SharedPlant:
     payload_changes
         Payloads that arrive by themselves.
     steady_clock, system_clock
-        Clocks, s. Frames are stamped with the system clock; the relation of the two is fixed at the start.
+        Clocks, s. Plant time runs with the steady one; frames are stamped with the system clock.
 
     Attributes
     ----------
@@ -128,6 +131,7 @@ class SharedPlant:
         self.lock = threading.RLock()
         self.failure: DriverError | None = None
         self._steady_clock = steady_clock
+        self._system_clock = system_clock
         self._steady_start = steady_clock()
         self._system_start = system_clock()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
@@ -142,6 +146,14 @@ class SharedPlant:
     def now(self) -> float:
         """Return the present plant time, s."""
         return self._steady_clock() - self._steady_start
+
+    def align(self) -> None:
+        """Compare the clocks again, as the system clock may be slewed or set; call it now and then."""
+        before = self._steady_clock()
+        system = self._system_clock()
+        after = self._steady_clock()
+        if after - before <= _SIMULTANEOUS:
+            self._system_start = system - (0.5 * (before + after) - self._steady_start)
 
     def from_system_time(self, stamp: float) -> float:
         """Return the plant time, s, of a moment on the system clock, s since 1970."""
