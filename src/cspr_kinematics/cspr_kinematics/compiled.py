@@ -1,10 +1,12 @@
-"""The one place that knows numba: typed decorator for compiled kernels, their cache on disk, and threads for batches."""
+"""The one place that knows numba: compiled kernels, their cache on disk, and threads for batches."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import logging
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,6 +20,7 @@ from .arrays import FloatArray
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _KERNELS = Path(__file__).with_name("kernels")
+_IMPORT = re.compile(r"^from \.(\w+) import", re.MULTILINE)
 
 logger = logging.getLogger("cspr_kinematics")
 
@@ -25,14 +28,14 @@ logger = logging.getLogger("cspr_kinematics")
 def kernel(function: _Function) -> _Function:
     """Compile a function on its first call, and keep the machine code on disk.
 
-    The code follows IEEE 754 (no fast-math), divides by zero into infinity as numpy does, and runs without the
-    interpreter lock. Arguments are numbers and C-contiguous arrays; `kernel_input` makes inputs of the one
-    array type that all callers use, so that no second version is ever compiled.
+    The code follows IEEE 754 (no fast-math), divides by zero into infinity as numpy does, and runs without
+    the interpreter lock. Arguments are numbers and C-contiguous arrays; `kernel_input` makes inputs of the
+    one array type that all callers use, so that no second version is ever compiled.
     """
     compiled = njit(nogil=True, error_model="numpy", fastmath=False)(function)
     try:
         compiled.enable_caching()
-        _stamp_with_all_kernels(compiled)
+        _stamp_with_sources(compiled)
     except RuntimeError as error:  # no directory to write to: compile in every process
         logger.warning("%s; the kernels will be compiled in every process", error)
     # To the type checker a kernel is the function it was made from.
@@ -40,7 +43,7 @@ def kernel(function: _Function) -> _Function:
 
 
 def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
-    """Return `array` with `shape`, C-contiguous and read-only: the array type on which kernels are compiled."""
+    """Return `array` with `shape`, C-contiguous and read-only: the type for which kernels are compiled."""
     view = np.ascontiguousarray(array).reshape(shape)
     view.setflags(write=False)
     return view
@@ -57,29 +60,34 @@ def in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> Non
         return
     bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(work, a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]:
+        for done in [pool.submit(work, a, b) for a, b in itertools.pairwise(bounds)]:
             done.result()
 
 
 @functools.cache
-def _digest_of_all_kernels() -> str:
-    """Digest of the sources from which kernels are compiled."""
-    digest = hashlib.sha256()
-    for path in sorted(_KERNELS.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+def _digest_of_sources(module: str) -> str:
+    """Digest of the source of a module of kernels and of those from which it takes others."""
+    sources: dict[str, str] = {}
+    pending = [module]
+    while pending:
+        name = pending.pop()
+        if name not in sources:
+            sources[name] = (_KERNELS / f"{name}.py").read_text(encoding="utf-8")
+            pending += _IMPORT.findall(sources[name])
+    return hashlib.sha256(repr(sorted(sources.items())).encode()).hexdigest()
 
 
-def _stamp_with_all_kernels(compiled: Any) -> None:
-    """Make the cached code of a kernel stale when any kernel's source has changed.
+def _stamp_with_sources(compiled: Any) -> None:
+    """Make the cached code of a kernel stale when a kernel that it calls has changed.
 
     numba looks at the file of the kernel itself, and would go on using what was inlined from another one. It
     offers no public way to say so; where its internals differ from what is expected its own rule remains.
     """
     cache_file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    stamp = getattr(cache_file, "_source_stamp", None)
-    if stamp is not None and _KERNELS.is_dir():
-        cache_file._source_stamp = (stamp, _digest_of_all_kernels())
+    if cache_file is not None and hasattr(cache_file, "_source_stamp"):
+        path = Path(compiled.py_func.__code__.co_filename)
+        if path.parent == _KERNELS and path.exists():
+            cache_file._source_stamp = (cache_file._source_stamp, _digest_of_sources(path.stem))
 
 
 class _CompilationNotice(event.Listener):  # type: ignore[misc]

@@ -60,6 +60,8 @@ class CableReachError(InvalidInputError):
 
     Attributes
     ----------
+    fault : str
+        Why.
     cable : int
         Number of the cable as on topics, 1..m; of several the first.
     position : numpy.ndarray, shape (3,)
@@ -72,19 +74,20 @@ class CableReachError(InvalidInputError):
 
     def __init__(
         self,
-        reason: str,
+        fault: str,
         cable: int,
         position: NDArray[np.float64],
         rotation: NDArray[np.float64],
         index: tuple[int, ...],
     ) -> None:
+        self.fault = fault
         self.cable = cable
         self.position = position
         self.rotation = rotation
         self.index = index
         where = f" (pose {list(index)} of the batch)" if index else ""
         angles = f", rotation {_shown(rotation)}"
-        super().__init__("pose", position, f"cable {cable}: {reason}{where}{angles}")
+        super().__init__("pose", position, f"cable {cable}: {fault}{where}{angles}")
 
 
 class SingularWrenchMatrixError(KinematicsError):
@@ -111,7 +114,9 @@ class SingularWrenchMatrixError(KinematicsError):
         self.singular_values = singular_values
         self.index = index
         where = f", member {list(index)} of the batch" if index else ""
-        super().__init__(f"singular wrench matrix{where}: {reason}; singular values {_shown(singular_values)}")
+        super().__init__(
+            f"singular wrench matrix{where}: {reason}; singular values {_shown(singular_values)}"
+        )
 
 
 class ForwardKinematicsError(KinematicsError):
@@ -125,14 +130,22 @@ class ForwardKinematicsError(KinematicsError):
         Number of iterations made.
     converged : numpy.ndarray of bool, shape (...)
         Which members of the batch were solved.
+    slack : numpy.ndarray, shape (..., m)
+        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero.
     """
 
     def __init__(
-        self, reason: str, residual: NDArray[np.float64], iterations: int, converged: NDArray[np.bool_]
+        self,
+        reason: str,
+        residual: NDArray[np.float64],
+        iterations: int,
+        converged: NDArray[np.bool_],
+        slack: NDArray[np.float64] | None = None,
     ) -> None:
         self.residual = residual
         self.iterations = iterations
         self.converged = converged
+        self.slack = np.zeros_like(residual) if slack is None else slack
         super().__init__(f"forward kinematics: {reason}")
 
 
