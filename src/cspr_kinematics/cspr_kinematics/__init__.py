@@ -9,6 +9,7 @@ from .errors import (
     RobotFileError,
     SingularWrenchMatrixError,
 )
+from .feasibility import Feasibility, Task, assess_task, largest_acceleration
 from .forward_kinematics import (
     ForwardKinematicsSolution,
     ForwardKinematicsStatus,
@@ -16,25 +17,34 @@ from .forward_kinematics import (
     pose_covariance,
     solve_forward_kinematics,
 )
+from .interference import Interference, NearestPair, cable_interference
 from .inverse_kinematics import Cables, cable_lengths, inverse_kinematics
+from .kernels.tension_kernels import TensionStatus
 from .pose import Acceleration, Pose, Twist
 from .pulleys import Pulleys
 from .rigid_body import Payload, RigidBody, combine
 from .robot import Robot, home_lengths
-from .tensions import TensionResult, distribute_tensions
+from .tension_blend import TensionBlend
+from .tension_result import TensionResult
+from .tensions import distribute_tensions
 from .winch import Motor, Winch
+from .workspace import Workspace, explore_workspace
+from .wrench_set import WrenchSet, available_wrenches
 
 __all__ = [
     "GRAVITY",
     "Acceleration",
     "CableReachError",
     "Cables",
+    "Feasibility",
     "ForwardKinematicsError",
     "ForwardKinematicsSolution",
     "ForwardKinematicsStatus",
+    "Interference",
     "InvalidInputError",
     "KinematicsError",
     "Motor",
+    "NearestPair",
     "Payload",
     "Pose",
     "Pulleys",
@@ -42,16 +52,26 @@ __all__ = [
     "Robot",
     "RobotFileError",
     "SingularWrenchMatrixError",
+    "Task",
+    "TensionBlend",
     "TensionResult",
+    "TensionStatus",
     "Twist",
     "Winch",
+    "Workspace",
+    "WrenchSet",
+    "assess_task",
+    "available_wrenches",
     "balance_regressor",
+    "cable_interference",
     "cable_lengths",
     "combine",
     "distribute_tensions",
+    "explore_workspace",
     "forward_kinematics",
     "home_lengths",
     "inverse_kinematics",
+    "largest_acceleration",
     "pose_covariance",
     "required_wrench",
     "solve_forward_kinematics",

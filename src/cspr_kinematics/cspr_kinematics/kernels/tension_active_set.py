@@ -1,9 +1,9 @@
 """Nearest feasible tensions for any redundancy: a dual active-set solver in the null space.
 
 Goldfarb and Idnani, "A numerically stable dual method for solving strictly convex quadratic programs",
-Mathematical Programming 27 (1983), for the unit Hessian: the point starts at the reference, outside the limits,
-and the limits it violates are made active one after the other. The objective grows with each of them, so that no
-active set comes twice.
+Mathematical Programming 27 (1983), for the unit Hessian: the point starts at the reference, outside the
+limits, and the limits it violates are made active one after the other. The objective grows with each of them,
+so that no active set comes twice.
 """
 
 from __future__ import annotations

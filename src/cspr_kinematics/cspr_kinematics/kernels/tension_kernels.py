@@ -1,7 +1,7 @@
-"""Tensions for one pose: each method as a kernel, with a worst-case number of steps.
+"""Tensions for one pose: nearest to a reference, of least norm, or in the middle; steps are bounded.
 
-`minimum_norm`, `closest`, `centroid` and `analytic_center` share one signature and one result. All but the
-first keep within the limits, and share the answer to a wrench that no tensions within them can give.
+The kernels that look for a middle start from the tensions of `bounded_tensions_kernel`, and keep them where
+there is none. They do not call it, because what a kernel calls is compiled once more with it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def bounded_tensions_kernel(
     weights: FloatArray,
     tensions: FloatArray,
 ) -> tuple[int, float, int]:
-    """Write the feasible tensions nearest to the reference; without any, those of least weighted wrench error.
+    """Write the feasible tensions nearest to the reference; without any, those of least weighted error.
 
     Parameters
     ----------
@@ -116,11 +116,11 @@ def bounded_tensions_kernel(
     converged, more = bounded_least_squares_kernel(A, w, t_min, t_max, t_reference, weights, tensions)
     steps += more
     residual = residual_kernel(A, w, tensions)
-    if not converged:
-        return ITERATION_LIMIT, residual, steps
     if not regular:
         return SINGULAR, residual, steps
-    return (EXACT if residual <= reached_kernel(w) else INFEASIBLE), residual, steps
+    if residual <= reached_kernel(w):
+        return EXACT, residual, steps
+    return (INFEASIBLE if converged else ITERATION_LIMIT), residual, steps
 
 
 @kernel
@@ -134,63 +134,49 @@ def minimum_norm_kernel(A: FloatArray, w: FloatArray, tensions: FloatArray) -> t
 
 @kernel
 def centroid_kernel(
-    A: FloatArray,
-    w: FloatArray,
-    t_min: FloatArray,
-    t_max: FloatArray,
-    t_reference: FloatArray,
-    weights: FloatArray,
-    tensions: FloatArray,
-) -> tuple[int, float, int]:
-    """Write the centroid of all feasible tensions of at most 8 cables; without any as `bounded_tensions_kernel`."""
+    A: FloatArray, w: FloatArray, t_min: FloatArray, t_max: FloatArray, tensions: FloatArray
+) -> int:
+    """Move feasible tensions (m,) of at most 8 cables to the centroid of all such; return 1 if it did."""
     m = A.shape[1]
     r = m - 6
     particular = np.empty(m)
     N = np.empty((m, r))
-    if 1 <= r <= 2 and null_space_kernel(A, w, particular, N):
-        x = np.zeros(r)
-        if r == 1:
-            low, high = -np.inf, np.inf
-            for i in range(m):
-                if abs(N[i, 0]) > 1e-12:
-                    a = (t_min[i] - particular[i]) / N[i, 0]
-                    b = (t_max[i] - particular[i]) / N[i, 0]
-                    low, high = max(low, min(a, b)), min(high, max(a, b))
-            x[0] = 0.5 * (low + high)
-            count = 2
-        else:
-            vertices = np.empty((2 * m + 4, 2))
-            count = feasible_polygon_kernel(particular, N, t_min, t_max, vertices)
-            if count > 0:
-                polygon_centroid_kernel(vertices, count, x)
-        if count > 0:
-            _tensions_at(particular, N, x, t_min, t_max, tensions)
-            residual = residual_kernel(A, w, tensions)
-            if residual <= reached_kernel(w):
-                return EXACT, residual, 1
-    return bounded_tensions_kernel(A, w, t_min, t_max, t_reference, weights, tensions)
+    if r < 1 or r > 2 or not null_space_kernel(A, w, particular, N):
+        return 0
+    x = np.zeros(r)
+    if r == 1:
+        low, high = -np.inf, np.inf
+        for i in range(m):
+            if abs(N[i, 0]) > 1e-12:
+                a = (t_min[i] - particular[i]) / N[i, 0]
+                b = (t_max[i] - particular[i]) / N[i, 0]
+                low, high = max(low, min(a, b)), min(high, max(a, b))
+        x[0] = 0.5 * (low + high)
+    else:
+        vertices = np.empty((2 * m + 4, 2))
+        count = feasible_polygon_kernel(particular, N, t_min, t_max, vertices)
+        if count == 0:
+            return 0
+        polygon_centroid_kernel(vertices, count, x)
+    center = np.empty(m)
+    _tensions_at(particular, N, x, t_min, t_max, center)
+    if residual_kernel(A, w, center) > reached_kernel(w):
+        return 0
+    tensions[:] = center
+    return 1
 
 
 @kernel
 def analytic_center_kernel(
-    A: FloatArray,
-    w: FloatArray,
-    t_min: FloatArray,
-    t_max: FloatArray,
-    t_reference: FloatArray,
-    weights: FloatArray,
-    tensions: FloatArray,
-) -> tuple[int, float, int]:
-    """Write the feasible tensions that maximise the product of all distances to the limits.
+    A: FloatArray, w: FloatArray, t_min: FloatArray, t_max: FloatArray, tensions: FloatArray
+) -> int:
+    """Move feasible tensions (m,) to those that maximise the product of all distances to the limits.
 
     By damped Newton steps on the dual, sum_i psi_i(a_i . y) - w . y over y (6,), whose tensions lie strictly
     within the limits at every y. It is self-concordant: each step gains a fixed amount until convergence is
-    quadratic. Without strictly feasible tensions, and where the cap of `CENTER_STEPS` is reached because there
-    is next to no room, the answer is that of `bounded_tensions_kernel`.
+    quadratic. Where there is next to no room, so that `CENTER_STEPS` do not suffice, the tensions stay.
+    Returns the steps taken.
     """
-    status, residual, steps = bounded_tensions_kernel(A, w, t_min, t_max, t_reference, weights, tensions)
-    if status != EXACT:
-        return status, residual, steps
     m = A.shape[1]
     y = np.zeros(6)
     L = np.empty((6, 6))
@@ -204,8 +190,7 @@ def analytic_center_kernel(
         for i in range(m):
             row += abs(A[k, i]) * max(abs(t_min[i]), abs(t_max[i]))
         scale = max(scale, row)
-    for _ in range(CENTER_STEPS):
-        steps += 1
+    for steps in range(1, CENTER_STEPS + 1):
         for k in range(6):
             error[k] = w[k]
         for i in range(m):
@@ -225,7 +210,7 @@ def analytic_center_kernel(
         if norm <= _CENTERED * scale:
             for i in range(m):
                 tensions[i] = min(max(center[i], t_min[i]), t_max[i])
-            return EXACT, residual_kernel(A, w, tensions), steps
+            return steps
         # Cholesky factor of A D A^T, and the step that makes the error vanish to first order.
         for k in range(6):
             for j in range(k + 1):
@@ -239,7 +224,7 @@ def analytic_center_kernel(
                 elif value > 0.0:
                     L[k, k] = np.sqrt(value)
                 else:
-                    return EXACT, residual, steps
+                    return steps
         decrement = 0.0
         for k in range(6):
             value = error[k]
@@ -255,7 +240,7 @@ def analytic_center_kernel(
         damping = 1.0 if decrement < 0.25 else 1.0 / (1.0 + decrement)
         for k in range(6):
             y[k] += damping * step[k]
-    return EXACT, residual, steps
+    return CENTER_STEPS
 
 
 @kernel
@@ -282,8 +267,8 @@ def separating_direction_kernel(
     Returns
     -------
     float
-        d . w less the largest d . (A t) for any t within the limits: positive, a proof that w is out of reach.
-        Not positive: no proof was found.
+        d . w less the largest d . (A t) for any t within the limits: positive, a proof that w is out of
+        reach. Not positive: no proof was found.
     """
     m = A.shape[1]
     basis = np.empty((6, 6))

@@ -1,16 +1,16 @@
 """Bounded tensions of least weighted wrench error, for wrenches out of reach and singular wrench matrices.
 
-min |W^1/2 (A t - w)|^2 + eps^2 |t - t_reference|^2 inside the limits, by a primal active set (Stark and Parker,
-"Bounded-variable least-squares", Computational Statistics 10, 1995). The second term is small enough to cost a
-relative wrench error of about 1e-10, and makes the solution unique and continuous where the cables leave a
-choice.
+min |W^1/2 (A t - w)|^2 + eps^2 |t - t_reference|^2 inside the limits, by a primal active set (Stark and
+Parker, "Bounded-variable least-squares", Computational Statistics 10, 1995). The second term is small enough
+to cost a relative wrench error of about 1e-10, and makes the solution unique and continuous where the cables
+leave a choice.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray
 from ..compiled import kernel
 
 # Least-squares problems solved, per cable, before giving up.
@@ -145,7 +145,7 @@ def _free_solution(
     eps: float,
     t_reference: FloatArray,
     tensions: FloatArray,
-    free: FloatArray,
+    free: BoolArray,
     work: FloatArray,
     trial: FloatArray,
 ) -> None:

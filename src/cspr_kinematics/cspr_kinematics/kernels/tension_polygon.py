@@ -54,7 +54,7 @@ def feasible_polygon_kernel(
     cut = np.empty_like(vertices)
     slack = np.empty(vertices.shape[0])
     for i in range(m):
-        if i == first or i == second:
+        if i in (first, second):
             continue
         for side in range(2):
             outside = False
