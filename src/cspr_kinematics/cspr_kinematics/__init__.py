@@ -1,6 +1,7 @@
 """Geometry, statics and dynamics of cable-suspended parallel robots."""
 
 from .dynamics import GRAVITY, balance_regressor, required_wrench, static_wrench
+from .energy import cable_power, inertia_matrix, kinetic_energy, potential_energy, wrench_power
 from .errors import (
     CableReachError,
     ForwardKinematicsError,
@@ -10,6 +11,7 @@ from .errors import (
     SingularWrenchMatrixError,
 )
 from .feasibility import Feasibility, Task, assess_task, largest_acceleration
+from .feedforward_tensions import FeedforwardTensions, feedforward_tensions
 from .forward_kinematics import (
     ForwardKinematicsSolution,
     ForwardKinematicsStatus,
@@ -20,6 +22,7 @@ from .forward_kinematics import (
 from .interference import Interference, NearestPair, cable_interference
 from .inverse_kinematics import Cables, cable_lengths, inverse_kinematics
 from .kernels.tension_kernels import TensionStatus
+from .motion import Motion, PoseSpline, motion_from_euler, motion_from_quaternion
 from .pose import Acceleration, Pose, Twist
 from .pulleys import Pulleys
 from .rigid_body import Payload, RigidBody, combine
@@ -37,16 +40,19 @@ __all__ = [
     "CableReachError",
     "Cables",
     "Feasibility",
+    "FeedforwardTensions",
     "ForwardKinematicsError",
     "ForwardKinematicsSolution",
     "ForwardKinematicsStatus",
     "Interference",
     "InvalidInputError",
     "KinematicsError",
+    "Motion",
     "Motor",
     "NearestPair",
     "Payload",
     "Pose",
+    "PoseSpline",
     "Pulleys",
     "RigidBody",
     "Robot",
@@ -65,15 +71,23 @@ __all__ = [
     "balance_regressor",
     "cable_interference",
     "cable_lengths",
+    "cable_power",
     "combine",
     "distribute_tensions",
     "explore_workspace",
+    "feedforward_tensions",
     "forward_kinematics",
     "home_lengths",
+    "inertia_matrix",
     "inverse_kinematics",
+    "kinetic_energy",
     "largest_acceleration",
+    "motion_from_euler",
+    "motion_from_quaternion",
     "pose_covariance",
+    "potential_energy",
     "required_wrench",
     "solve_forward_kinematics",
     "static_wrench",
+    "wrench_power",
 ]

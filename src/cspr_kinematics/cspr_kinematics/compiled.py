@@ -15,10 +15,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numba import njit
 from numba.core import event
+from numpy.typing import NDArray
 
 from .arrays import FloatArray
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_Array = TypeVar("_Array", bound=NDArray[Any])
 _KERNELS = Path(__file__).with_name("kernels")
 _IMPORT = re.compile(r"^from \.(\w+) import", re.MULTILINE)
 
@@ -44,9 +46,19 @@ def kernel(function: _Function) -> _Function:
 
 def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
     """Return `array` with `shape`, C-contiguous and read-only: the type for which kernels are compiled."""
-    view = np.ascontiguousarray(array).reshape(shape)
-    view.setflags(write=False)
+    view = array.reshape(shape)
+    flags = view.flags
+    if flags.writeable or not flags.c_contiguous:
+        view = np.ascontiguousarray(view).view()
+        view.setflags(write=False)
     return view
+
+
+def in_batch(array: _Array, batch: tuple[int, ...]) -> _Array:
+    """Return a result (n, ...) of a kernel with the batch axes `batch` in place of n, read-only."""
+    result = array.reshape(batch + array.shape[1:]) if batch else array[0]
+    result.setflags(write=False)
+    return result
 
 
 def in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> None:

@@ -52,7 +52,7 @@ def required_wrench(
     batch, arrays = motion_arrays(pose, twist, acceleration)
     wrench = np.empty((math.prod(batch), 6))
     required_wrenches(total_parameters(robot, payload), *arrays, wrench)
-    return _less_external(wrench.reshape(*batch, 6), external_wrench)
+    return _less_external(wrench.reshape((*batch, 6)), external_wrench)
 
 
 def static_wrench(

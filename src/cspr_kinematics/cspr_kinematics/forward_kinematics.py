@@ -7,13 +7,13 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import BoolArray, FloatArray, IntArray, broadcast_batch, checked, frozen, positive_number
-from .compiled import in_chunks, kernel_input
+from .compiled import in_batch, in_chunks, kernel_input
 from .errors import ForwardKinematicsError, InvalidInputError, SingularWrenchMatrixError
 from .inverse_kinematics import inverse_kinematics
 from .kernels import forward_kernels as kernels
@@ -132,10 +132,8 @@ def forward_kinematics(
     InvalidInputError
         If lengths are not positive and finite or have another shape, or the batch axes do not broadcast.
     """
-    solution = solve_forward_kinematics(
-        robot, lengths, guess, max_residual=max_residual, max_iterations=max_iterations
-    )
-    if not solution.converged.all():
+    solution, failures = _solve(robot, lengths, guess, max_residual, max_iterations, None, 1)
+    if failures:
         raise _failure(solution, max_residual)
     return solution.pose
 
@@ -169,75 +167,7 @@ def solve_forward_kinematics(
     SingularWrenchMatrixError
         If the covariance is asked for where lengths do not determine the pose.
     """
-    m = robot.number_of_cables
-    target = checked("lengths", lengths, m)
-    if target.size and target.min() <= 0.0:
-        raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
-    positive_number("max_residual", max_residual)
-    batch = target.shape[:-1]
-    search = _search_of(robot)
-    if guess is None:
-        guess_position, guess_rotation = search.center, search.starts
-    else:
-        guess_position, guess_rotation = guess.position, guess.rotation
-        if guess.batch_shape not in ((), batch):
-            batch = broadcast_batch(lengths=batch, guess=guess.batch_shape)
-            guess_position = np.broadcast_to(guess_position, (*batch, 3))
-            guess_rotation = np.broadcast_to(guess_rotation, (*batch, 3, 3))
-            target = np.broadcast_to(target, (*batch, m))
-    n = math.prod(batch)
-    deviation, largest_misfit = search.unit_deviation, search.no_misfit
-    if length_deviation is not None:
-        deviation = _deviations(length_deviation, m)
-        largest_misfit = _largest_misfit(m)
-
-    targets = kernel_input(target, n, m)
-    guess_positions = kernel_input(guess_position, guess_position.size // 3, 3)
-    guess_rotations = kernel_input(guess_rotation, guess_rotation.size // 9, 3, 3)
-    one_guess = len(guess_positions) == 1
-    position, rotation = np.empty((n, 3)), np.empty((n, 3, 3))
-    error, jacobian, slack = np.empty((n, m)), np.empty((n, m, 6)), np.empty((n, m))
-    status, iterations = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
-
-    def solve(first: int, end: int) -> None:
-        kernels.forward_at_poses(
-            robot.path_geometry,
-            search.frame,
-            search.starts,
-            search.center,
-            search.home,
-            targets[first:end],
-            guess is not None,
-            guess_positions if one_guess else guess_positions[first:end],
-            guess_rotations if one_guess else guess_rotations[first:end],
-            deviation,
-            float(max_residual),
-            largest_misfit,
-            int(max_iterations),
-            position[first:end],
-            rotation[first:end],
-            error[first:end],
-            jacobian[first:end],
-            status[first:end],
-            iterations[first:end],
-            slack[first:end],
-        )
-
-    in_chunks(solve, n, threads)
-    pose = Pose.trusted(position.reshape(*batch, 3), rotation.reshape(*batch, 3, 3))
-    covariance = None
-    if length_deviation is not None:
-        covariance = _covariance(jacobian, deviation, status == kernels.CONVERGED).reshape(*batch, 6, 6)
-        covariance.setflags(write=False)
-    return ForwardKinematicsSolution(
-        pose,
-        error.reshape(*batch, m),
-        np.asarray(status == kernels.CONVERGED).reshape(batch),
-        int(iterations.max(initial=0)),
-        status.reshape(batch),
-        slack.reshape(*batch, m),
-        covariance,
-    )
+    return _solve(robot, lengths, guess, max_residual, max_iterations, length_deviation, threads)[0]
 
 
 def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> FloatArray:
@@ -263,6 +193,80 @@ def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> Fl
     deviation = _deviations(length_deviation, robot.number_of_cables)
     J = inverse_kinematics(robot, pose).jacobian
     return _covariance(J, deviation, np.ones(pose.batch_shape, dtype=np.bool_))
+
+
+def _solve(
+    robot: Robot,
+    lengths: ArrayLike,
+    guess: Pose | None,
+    max_residual: float,
+    max_iterations: int,
+    length_deviation: ArrayLike | None,
+    threads: int,
+) -> tuple[ForwardKinematicsSolution, int]:
+    """Return the solution and the number of failures in it."""
+    m = robot.number_of_cables
+    target = checked("lengths", lengths, m)
+    limit = positive_number("max_residual", max_residual)
+    batch = target.shape[:-1]
+    search = _search_of(robot)
+    if guess is None:
+        guess_position, guess_rotation = search.center, search.starts[0]
+    else:
+        guess_position, guess_rotation = guess.position, guess.rotation
+        guess_batch = guess_position.shape[:-1]
+        if guess_batch and guess_batch != batch:
+            batch = broadcast_batch(lengths=batch, guess=guess_batch)
+            guess_position = np.broadcast_to(guess_position, (*batch, 3))
+            guess_rotation = np.broadcast_to(guess_rotation, (*batch, 3, 3))
+        if batch != target.shape[:-1]:
+            target = np.broadcast_to(target, (*batch, m))
+    n = math.prod(batch)
+    deviation, largest_misfit = search.unit_deviation, search.no_misfit
+    if length_deviation is not None:
+        deviation, largest_misfit = _deviations(length_deviation, m), _largest_misfit(m)
+
+    targets = kernel_input(target, n, m)
+    count = guess_position.size // 3
+    guesses = kernel_input(guess_position, count, 3), kernel_input(guess_rotation, count, 3, 3)
+    position, rotation = np.empty((n, 3)), np.empty((n, 3, 3))
+    error, jacobian, slack = np.empty((n, m)), np.empty((n, m, 6)), np.empty((n, m))
+    status, converged = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
+    guided = guess is not None
+    starting = robot.path_geometry, search.frame, search.starts, search.center, search.home
+    limits = deviation, limit, largest_misfit, int(max_iterations)
+    outputs = position, rotation, error, jacobian, status, converged, slack
+
+    def solve(first: int, end: int) -> None:
+        part = slice(first, end)
+        own = guesses if count == 1 else (guesses[0][part], guesses[1][part])
+        arguments: list[Any] = [*starting, targets[part], guided, *own, *limits, *(x[part] for x in outputs)]
+        done.append(kernels.forward_at_poses(*arguments))
+
+    done: list[tuple[int, int]] = []
+    if threads == 1:
+        everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
+        done = [kernels.forward_at_poses(*everything)]
+    else:
+        in_chunks(solve, n, threads)
+    failures = sum(failed for failed, _ in done)
+    if failures < 0:
+        raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
+    covariance = None
+    if length_deviation is not None:
+        covariance = in_batch(_covariance(jacobian, deviation, converged), batch)
+    return (
+        ForwardKinematicsSolution(
+            Pose.trusted(in_batch(position, batch), in_batch(rotation, batch)),
+            in_batch(error, batch),
+            converged.reshape(batch),
+            max(iterations for _, iterations in done),
+            status.reshape(batch),
+            in_batch(slack, batch),
+            covariance,
+        ),
+        failures,
+    )
 
 
 class _Search(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 
 from .arrays import FloatArray
 from .cable_paths import path_error, path_lengths
-from .compiled import kernel_input
+from .compiled import in_batch, kernel_input
 from .kernels.cable_kernels import PATH_EXISTS, cables_at_poses
 from .pose import Pose
 from .robot import Robot
@@ -42,14 +42,6 @@ class Cables:
     wrench_matrix: FloatArray
     jacobian: FloatArray
     free_lengths: FloatArray
-
-    def __post_init__(self) -> None:
-        self.lengths.setflags(write=False)
-        self.directions.setflags(write=False)
-        self.arms.setflags(write=False)
-        self.wrench_matrix.setflags(write=False)
-        self.jacobian.setflags(write=False)
-        self.free_lengths.setflags(write=False)
 
 
 def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
@@ -86,12 +78,12 @@ def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
     if fault != PATH_EXISTS:
         raise path_error(fault, cable, member, pose)
     return Cables(
-        lengths.reshape(*batch, m),
-        directions.reshape(*batch, m, 3),
-        arms.reshape(*batch, m, 3),
-        wrench_matrix.reshape(*batch, 6, m),
-        jacobian.reshape(*batch, m, 6),
-        free_lengths.reshape(*batch, m),
+        in_batch(lengths, batch),
+        in_batch(directions, batch),
+        in_batch(arms, batch),
+        in_batch(wrench_matrix, batch),
+        in_batch(jacobian, batch),
+        in_batch(free_lengths, batch),
     )
 
 

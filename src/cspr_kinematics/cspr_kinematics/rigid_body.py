@@ -14,7 +14,7 @@ from .errors import InvalidInputError
 # Rounding allowance, relative to the largest element, in the tests of what an inertia must be.
 _INERTIA_TOLERANCE = 1e-9
 # Where the elements of an inertia tensor stand among the inertial parameters.
-_TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class RigidBody:
             )
         mass = positive_number("mass", pi[0])
         center = pi[1:4] / mass
-        about_origin = pi[_TENSOR_PLACES]
+        about_origin = pi[TENSOR_PLACES]
         return cls(mass, center, about_origin - point_inertia(mass, center))
 
 

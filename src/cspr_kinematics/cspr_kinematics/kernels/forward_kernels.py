@@ -324,13 +324,22 @@ def forward_at_poses(
     errors: FloatArray,
     jacobians: FloatArray,
     statuses: IntArray,
-    iterations: IntArray,
+    converged: BoolArray,
     slacks: FloatArray,
-) -> None:
-    """Solve n problems; `guided` tells whether from guesses (n or 1 of them) or by search."""
+) -> tuple[int, int]:
+    """Solve n problems; `guided` tells whether from guesses (n or 1 of them) or by search.
+
+    Returns the number of failures and the largest number of iterations; a negative number of failures if a
+    length is not positive.
+    """
+    failures, most_iterations = 0, 0
     m = geometry.shape[0]
     used = np.ones(m, dtype=np.bool_)
     Q = np.empty((3, 3))
+    for n in range(targets.shape[0]):
+        for i in range(m):
+            if not targets[n, i] > 0.0:
+                return -targets.shape[0], 0
     for n in range(targets.shape[0]):
         p = positions[n]
         if guided:
@@ -379,4 +388,8 @@ def forward_at_poses(
                 status = SLACK_CABLE
         orthonormalise(Q, rotations[n])
         statuses[n] = status
-        iterations[n] = count
+        converged[n] = status == CONVERGED
+        if status != CONVERGED:
+            failures += 1
+        most_iterations = max(most_iterations, count)
+    return failures, most_iterations
