@@ -94,8 +94,8 @@ class Workspace:
         margin = np.zeros(points.shape[:-1])
         for corner in itertools.product((0, 1), repeat=3):
             weight = np.prod([s if c else 1.0 - s for c, s in zip(corner, shares, strict=True)], axis=0)
-            i, j, k = (cell + c for cell, c in zip(cells, corner, strict=True))
-            margin += weight * self._finite_margin[i, j, k]
+            place = tuple(cell + c for cell, c in zip(cells, corner, strict=True))
+            margin += weight * self._finite_margin[place]
         return margin
 
     def distance_to_boundary(self, position: ArrayLike) -> FloatArray:
@@ -181,7 +181,7 @@ class Workspace:
                 value += weight * corner[cut]
             inside += value >= 0.0
         shares[cut] = inside / _SUBDIVISION**3
-        return shares
+        return np.asarray(shares)
 
     @cached_property
     def _border(self) -> FloatArray:
