@@ -1,17 +1,20 @@
-"""Wrench that the cables must supply to hold or move the platform (eqs. 8-13; MODEL section 4)."""
+"""Wrench that the cables must supply to hold or move the platform (eqs. 8-13; docs/model.md, section 4)."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import FloatArray, broadcast_batch, checked, frozen
+from .compiled import kernel_input
+from .kernels.dynamics_kernels import GRAVITY_Z, balance_regressors, required_wrenches, static_wrenches
 from .pose import Acceleration, Pose, Twist
 from .rigid_body import Payload
 from .robot import Robot
-from .so3 import cross, rotate
 
-GRAVITY = frozen(np.array([0.0, 0.0, -9.81]))  # in base, m/s^2
+GRAVITY = frozen(np.array([0.0, 0.0, GRAVITY_Z]))  # in base, m/s^2
 
 
 def required_wrench(
@@ -46,16 +49,10 @@ def required_wrench(
     InvalidInputError
         If the batch axes do not broadcast, or the external wrench is not finite or has another shape.
     """
-    broadcast_batch(pose=pose.batch_shape, twist=twist.batch_shape, acceleration=acceleration.batch_shape)
-    mass, mc, body_inertia = _mass_properties(robot, pose, payload)
-    omega, alpha = twist.angular, acceleration.angular
-    # Gravity enters as an upward acceleration of the whole platform: -w_g = [-m g; -mc x g].
-    a = acceleration.linear - GRAVITY
-    force = mass * a + cross(alpha, mc) + cross(omega, cross(omega, mc))
-
-    I_P = pose.rotation @ body_inertia @ pose.rotation.swapaxes(-1, -2)
-    moment = cross(mc, a) + rotate(I_P, alpha) + cross(omega, rotate(I_P, omega))
-    return _less_external(np.concatenate((force, moment), axis=-1), external_wrench)
+    batch, arrays = motion_arrays(pose, twist, acceleration)
+    wrench = np.empty((math.prod(batch), 6))
+    required_wrenches(total_parameters(robot, payload), *arrays, wrench)
+    return _less_external(wrench.reshape((*batch, 6)), external_wrench)
 
 
 def static_wrench(
@@ -68,25 +65,68 @@ def static_wrench(
 
     Parameters, result (..., 6) and errors are those of `required_wrench`.
     """
-    mass, mc, _ = _mass_properties(robot, pose, payload)
-    force = np.broadcast_to(-mass * GRAVITY, mc.shape)
-    return _less_external(np.concatenate((force, cross(mc, -GRAVITY)), axis=-1), external_wrench)
+    n = math.prod(pose.batch_shape)
+    wrench = np.empty((n, 6))
+    static_wrenches(total_parameters(robot, payload), kernel_input(pose.rotation, n, 3, 3), wrench)
+    return _less_external(wrench.reshape(*pose.batch_shape, 6), external_wrench)
 
 
-def _mass_properties(
-    robot: Robot, pose: Pose, payload: Payload | None
-) -> tuple[float, FloatArray, FloatArray]:
-    """Return mass, first moment mc in base axes (..., 3), and inertia about P in platform axes (3, 3).
+def balance_regressor(pose: Pose, twist: Twist, acceleration: Acceleration) -> FloatArray:
+    """Return Y, with which the required wrench without external ones is w = Y pi.
 
-    About a common point and in common axes these add up, platform and payload.
+    pi are the ten inertial parameters of all that moves, `RigidBody.inertial_parameters`. Six equations an
+    instant do not determine them; along a motion that turns and accelerates they do. At rest only the columns
+    of mass and of the horizontal first moments are not zero.
+
+    Returns
+    -------
+    numpy.ndarray, shape (..., 6, 10)
+
+    Raises
+    ------
+    InvalidInputError
+        If the batch axes do not broadcast.
     """
-    body = robot.platform
-    mass, first_moment, inertia = body.mass, body.first_moment, body.inertia_about_origin
-    if payload is not None and payload.mass > 0.0:
-        mass += payload.mass
-        first_moment = first_moment + payload.first_moment
-        inertia = inertia + payload.inertia_about_origin
-    return mass, rotate(pose.rotation, first_moment), inertia
+    batch, arrays = motion_arrays(pose, twist, acceleration)
+    regressor = np.empty((math.prod(batch), 6, 10))
+    balance_regressors(*arrays, regressor)
+    return regressor.reshape(*batch, 6, 10)
+
+
+def total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
+    """Return the inertial parameters (10,) of platform and payload: about a common origin they add up."""
+    parameters = robot.platform.inertial_parameters
+    if payload is None or payload.mass == 0.0:
+        return parameters
+    total: FloatArray = parameters + payload.inertial_parameters
+    total.setflags(write=False)
+    return total
+
+
+def motion_arrays(
+    pose: Pose, twist: Twist, acceleration: Acceleration
+) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    """Return the common batch axes, and rotations, omega, a and alpha as kernels take them.
+
+    Raises
+    ------
+    InvalidInputError
+        If the batch axes do not broadcast.
+    """
+    batch = pose.batch_shape
+    Q, omega = pose.rotation, twist.angular
+    a, alpha = acceleration.linear, acceleration.angular
+    if twist.batch_shape != batch or acceleration.batch_shape != batch:
+        batch = broadcast_batch(pose=batch, twist=twist.batch_shape, acceleration=acceleration.batch_shape)
+        Q = np.broadcast_to(Q, (*batch, 3, 3))
+        omega, a, alpha = (np.broadcast_to(x, (*batch, 3)) for x in (omega, a, alpha))
+    n = math.prod(batch)
+    return batch, (
+        kernel_input(Q, n, 3, 3),
+        kernel_input(omega, n, 3),
+        kernel_input(a, n, 3),
+        kernel_input(alpha, n, 3),
+    )
 
 
 def _less_external(wrench: FloatArray, external_wrench: ArrayLike | None) -> FloatArray:

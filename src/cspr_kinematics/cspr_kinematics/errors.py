@@ -55,6 +55,70 @@ class RobotFileError(KinematicsError):
         super().__init__(f"{where}{shown}: {reason}")
 
 
+class CableReachError(InvalidInputError):
+    """A pose at which a cable has no path: its anchor point lies on its exit point, or inside its pulley.
+
+    Attributes
+    ----------
+    fault : str
+        Why.
+    cable : int
+        Number of the cable as on topics, 1..m; of several the first.
+    position : numpy.ndarray, shape (3,)
+        Position of the platform there, in base, m.
+    rotation : numpy.ndarray, shape (3, 3)
+        Rotation of the platform there.
+    index : tuple of int
+        Which member of the batch it is; () for a single pose.
+    """
+
+    def __init__(
+        self,
+        fault: str,
+        cable: int,
+        position: NDArray[np.float64],
+        rotation: NDArray[np.float64],
+        index: tuple[int, ...],
+    ) -> None:
+        self.fault = fault
+        self.cable = cable
+        self.position = position
+        self.rotation = rotation
+        self.index = index
+        where = f" (pose {list(index)} of the batch)" if index else ""
+        angles = f", rotation {_shown(rotation)}"
+        super().__init__("pose", position, f"cable {cable}: {fault}{where}{angles}")
+
+
+class SingularWrenchMatrixError(KinematicsError):
+    """The cables cannot resist some wrench, or hold some motion, in the first order.
+
+    Attributes
+    ----------
+    wrench_matrix : numpy.ndarray, shape (6, m)
+        A.
+    singular_values : numpy.ndarray, shape (6,)
+        Its singular values, largest first.
+    index : tuple of int
+        Which member of the batch it is; () for a single one.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        wrench_matrix: NDArray[np.float64],
+        singular_values: NDArray[np.float64],
+        index: tuple[int, ...] = (),
+    ) -> None:
+        self.wrench_matrix = wrench_matrix
+        self.singular_values = singular_values
+        self.index = index
+        where = f", member {list(index)} of the batch" if index else ""
+        super().__init__(
+            f"singular wrench matrix{where}: {reason}; singular values {_shown(singular_values)}"
+        )
+
+
 class ForwardKinematicsError(KinematicsError):
     """No pose was found that fits the cable lengths.
 
@@ -66,14 +130,22 @@ class ForwardKinematicsError(KinematicsError):
         Number of iterations made.
     converged : numpy.ndarray of bool, shape (...)
         Which members of the batch were solved.
+    slack : numpy.ndarray, shape (..., m)
+        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero.
     """
 
     def __init__(
-        self, reason: str, residual: NDArray[np.float64], iterations: int, converged: NDArray[np.bool_]
+        self,
+        reason: str,
+        residual: NDArray[np.float64],
+        iterations: int,
+        converged: NDArray[np.bool_],
+        slack: NDArray[np.float64] | None = None,
     ) -> None:
         self.residual = residual
         self.iterations = iterations
         self.converged = converged
+        self.slack = np.zeros_like(residual) if slack is None else slack
         super().__init__(f"forward kinematics: {reason}")
 
 

@@ -1,28 +1,63 @@
-"""Pose from cable lengths by Levenberg-Marquardt iteration, in batches."""
+"""Pose from cable lengths, over pulleys too, by Levenberg-Marquardt iteration (docs/model.md, section 5)."""
 
 from __future__ import annotations
 
+import functools
+import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from enum import IntEnum
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import BoolArray, FloatArray, broadcast_batch, checked, positive_number
-from .cable_geometry import cable_geometry
-from .errors import ForwardKinematicsError, InvalidInputError
+from .arrays import BoolArray, FloatArray, IntArray, broadcast_batch, checked, frozen, positive_number
+from .compiled import in_batch, in_chunks, kernel_input
+from .errors import ForwardKinematicsError, InvalidInputError, SingularWrenchMatrixError
+from .inverse_kinematics import inverse_kinematics
+from .kernels import forward_kernels as kernels
+from .kernels.forward_kernels import GRADIENT_TOLERANCE
 from .pose import Pose
 from .robot import Robot
-from .so3 import orthonormalised, rotation_from_vector
+from .so3 import rotation_from_vector
 
-# The gradient J^T e of half the squared length errors, below which a pose is a minimum, m. For a
-# well-conditioned Jacobian the pose is then within about the same distance of it.
-GRADIENT_TOLERANCE = 1e-9
-_INITIAL_DAMPING = 1e-6
-_LEAST_DAMPING = 1e-12
-_IDENTITY = np.eye(6)
-# Allowance for rounding when costs are compared: close to the minimum all steps change them by less.
-_COST_ROUNDING = 1.0 + 1e-12
+__all__ = [
+    "GRADIENT_TOLERANCE",
+    "ForwardKinematicsSolution",
+    "ForwardKinematicsStatus",
+    "forward_kinematics",
+    "pose_covariance",
+    "solve_forward_kinematics",
+]
+
+# Lengths whose errors exceed what noise explains once in this many cases are reported, as normal quantile
+# 1e-4.
+_MISFIT_QUANTILE = 3.719
+# Exit points count as lying in a plane when they are off it by less than this share of their extent.
+_FLATNESS = 0.1
+# Orientations tried without a guess, besides that of the home pose: turned and tilted from it by these
+# angles, rad.
+_TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4, 3.14)
+_TILTS = (0.0, 0.6, -0.6)
+_SINGULAR = 1e-10
+
+
+class ForwardKinematicsStatus(IntEnum):
+    """How the search for one pose ended."""
+
+    CONVERGED = kernels.CONVERGED
+    """A pose that fits the lengths."""
+    ITERATION_LIMIT = kernels.ITERATION_LIMIT
+    """No minimum reached within the limit on iterations."""
+    NO_POSE_FITS = kernels.NO_POSE_FITS
+    """The nearest pose leaves length errors beyond what is accepted."""
+    SLACK_CABLE = kernels.SLACK_CABLE
+    """As before, but without the cables in `slack` the others fit."""
+    ABOVE_FRAME = kernels.ABOVE_FRAME
+    """What fits lies on the other side of the frame, where no suspended platform is."""
+    BEYOND_PULLEY = kernels.BEYOND_PULLEY
+    """At the guess a cable cannot reach its pulley."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,23 +73,33 @@ class ForwardKinematicsSolution:
     converged : numpy.ndarray of bool, shape (...)
         Whether the pose is a minimum of the squared residual, and no residual exceeds the limit.
     iterations : int
-        Number of iterations made for the whole batch.
+        Number of iterations made, the largest of the batch; without a guess those of all starts together.
+    status : numpy.ndarray of int, shape (...)
+        A `ForwardKinematicsStatus` for each.
+    slack : numpy.ndarray, shape (..., m)
+        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero.
+        `pose` is then still the one that fits all cables best.
+    covariance : numpy.ndarray, shape (..., 6, 6), or None
+        Of position and rotation vector in base axes, if the uncertainty of the lengths was given.
     """
 
     pose: Pose
     residual: FloatArray
     converged: BoolArray
     iterations: int
+    status: IntArray
+    slack: FloatArray
+    covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.residual, self.converged):
+        for array in (self.residual, self.converged, self.status, self.slack):
             array.setflags(write=False)
 
 
 def forward_kinematics(
     robot: Robot,
     lengths: ArrayLike,
-    guess: Pose,
+    guess: Pose | None = None,
     *,
     max_residual: float = 0.05,
     max_iterations: int = 50,
@@ -63,122 +108,270 @@ def forward_kinematics(
 
     More cables than six give more equations than unknowns: the pose is the one with the least sum of
     squared length errors. Of the several poses that may exist, it is the one the iteration reaches from
-    `guess`.
+    `guess`; without a guess the best fit below the frame, never its mirror image above.
 
     Parameters
     ----------
     robot : Robot
     lengths : array_like, shape (..., m)
-        Cable lengths, m.
-    guess : Pose
+        Cable lengths, with what is wrapped around the pulleys, m.
+    guess : Pose, optional
         Start of the iteration; its batch axes broadcast against those of `lengths`.
     max_residual : float
         Largest length error that is accepted at the solution, m. Measured lengths never fit exactly,
         because cables stretch; lengths that belong to no pose leave more.
     max_iterations : int
-        Limit on iterations.
+        Limit on iterations. From a guess a centimetre and a degree away 3 suffice, from the home pose to
+        anywhere in the workspace of the shipped robot 8.
 
     Raises
     ------
     ForwardKinematicsError
-        If the iteration does not converge, or to a pose that does not fit; carries residual, iterations
-        and which members of the batch failed.
+        If the iteration does not converge, or to a pose that does not fit; carries residual, iterations,
+        which members of the batch failed, and cables found to be slack.
     InvalidInputError
         If lengths are not positive and finite or have another shape, or the batch axes do not broadcast.
     """
-    solution = solve_forward_kinematics(
-        robot, lengths, guess, max_residual=max_residual, max_iterations=max_iterations
-    )
-    if not solution.converged.all():
-        failed = int(np.count_nonzero(~solution.converged))
-        worst = np.abs(solution.residual).max()
-        raise ForwardKinematicsError(
-            f"{failed} of {solution.converged.size} not solved after {solution.iterations} iterations; the "
-            f"largest length error is {worst:.6g} m where {max_residual:.6g} m is accepted. Check that the "
-            "lengths belong to this robot, and start from a nearer guess",
-            solution.residual,
-            solution.iterations,
-            solution.converged,
-        )
+    solution, failures = _solve(robot, lengths, guess, max_residual, max_iterations, None, 1)
+    if failures:
+        raise _failure(solution, max_residual)
     return solution.pose
 
 
 def solve_forward_kinematics(
     robot: Robot,
     lengths: ArrayLike,
-    guess: Pose,
+    guess: Pose | None = None,
     *,
     max_residual: float = 0.05,
     max_iterations: int = 50,
+    length_deviation: ArrayLike | None = None,
+    threads: int = 1,
 ) -> ForwardKinematicsSolution:
     """Do the work of `forward_kinematics`, and report instead of raising when it fails.
 
-    Parameters are those of `forward_kinematics`.
+    Parameters
+    ----------
+    robot, lengths, guess, max_residual, max_iterations
+        As in `forward_kinematics`.
+    length_deviation : float or array_like, shape (m,), optional
+        Standard deviation of the length errors, m. With it the solution has a covariance, and lengths whose
+        errors are larger than it explains are reported even below `max_residual`.
+    threads : int
+        Over which a batch is divided.
 
     Raises
     ------
     InvalidInputError
         As in `forward_kinematics`.
+    SingularWrenchMatrixError
+        If the covariance is asked for where lengths do not determine the pose.
     """
-    target = checked("lengths", lengths, robot.number_of_cables)
-    if not (target > 0.0).all():
+    return _solve(robot, lengths, guess, max_residual, max_iterations, length_deviation, threads)[0]
+
+
+def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> FloatArray:
+    """Return the covariance of a pose found from uncertain lengths, shape (..., 6, 6).
+
+    Of position and rotation vector in base axes, (m, rad), by the linearised least squares of
+    `forward_kinematics`.
+
+    Parameters
+    ----------
+    robot : Robot
+    pose : Pose
+    length_deviation : float or array_like, shape (m,)
+        Standard deviations of the independent length errors, m.
+
+    Raises
+    ------
+    SingularWrenchMatrixError
+        If the lengths do not determine the pose there.
+    InvalidInputError
+        If the deviations are not positive and finite or have another shape.
+    """
+    deviation = _deviations(length_deviation, robot.number_of_cables)
+    J = inverse_kinematics(robot, pose).jacobian
+    return _covariance(J, deviation, np.ones(pose.batch_shape, dtype=np.bool_))
+
+
+def _solve(
+    robot: Robot,
+    lengths: ArrayLike,
+    guess: Pose | None,
+    max_residual: float,
+    max_iterations: int,
+    length_deviation: ArrayLike | None,
+    threads: int,
+) -> tuple[ForwardKinematicsSolution, int]:
+    """Return the solution and the number of failures in it."""
+    m = robot.number_of_cables
+    target = checked("lengths", lengths, m)
+    limit = positive_number("max_residual", max_residual)
+    batch = target.shape[:-1]
+    search = _search_of(robot)
+    if guess is None:
+        guess_position, guess_rotation = search.center, search.starts[0]
+    else:
+        guess_position, guess_rotation = guess.position, guess.rotation
+        guess_batch = guess_position.shape[:-1]
+        if guess_batch and guess_batch != batch:
+            batch = broadcast_batch(lengths=batch, guess=guess_batch)
+            guess_position = np.broadcast_to(guess_position, (*batch, 3))
+            guess_rotation = np.broadcast_to(guess_rotation, (*batch, 3, 3))
+        if batch != target.shape[:-1]:
+            target = np.broadcast_to(target, (*batch, m))
+    n = math.prod(batch)
+    deviation, largest_misfit = search.unit_deviation, search.no_misfit
+    if length_deviation is not None:
+        deviation, largest_misfit = _deviations(length_deviation, m), _largest_misfit(m)
+
+    targets = kernel_input(target, n, m)
+    count = guess_position.size // 3
+    guesses = kernel_input(guess_position, count, 3), kernel_input(guess_rotation, count, 3, 3)
+    position, rotation = np.empty((n, 3)), np.empty((n, 3, 3))
+    error, jacobian, slack = np.empty((n, m)), np.empty((n, m, 6)), np.empty((n, m))
+    status, converged = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
+    guided = guess is not None
+    starting = robot.path_geometry, search.frame, search.starts, search.center, search.home
+    limits = deviation, limit, largest_misfit, int(max_iterations)
+    outputs = position, rotation, error, jacobian, status, converged, slack
+
+    def solve(first: int, end: int) -> None:
+        part = slice(first, end)
+        own = guesses if count == 1 else (guesses[0][part], guesses[1][part])
+        arguments: list[Any] = [*starting, targets[part], guided, *own, *limits, *(x[part] for x in outputs)]
+        done.append(kernels.forward_at_poses(*arguments))
+
+    done: list[tuple[int, int]] = []
+    if threads == 1:
+        everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
+        done = [kernels.forward_at_poses(*everything)]
+    else:
+        in_chunks(solve, n, threads)
+    failures = sum(failed for failed, _ in done)
+    if failures < 0:
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
-    positive_number("max_residual", max_residual)
-    batch = broadcast_batch(lengths=target.shape[:-1], guess=guess.batch_shape)
-    position = np.broadcast_to(guess.position, (*batch, 3))
-    rotation = np.broadcast_to(guess.rotation, (*batch, 3, 3))
-    damping = np.full(batch, _INITIAL_DAMPING)
+    covariance = None
+    if length_deviation is not None:
+        covariance = in_batch(_covariance(jacobian, deviation, converged), batch)
+    return (
+        ForwardKinematicsSolution(
+            Pose.trusted(in_batch(position, batch), in_batch(rotation, batch)),
+            in_batch(error, batch),
+            converged.reshape(batch),
+            max(iterations for _, iterations in done),
+            status.reshape(batch),
+            in_batch(slack, batch),
+            covariance,
+        ),
+        failures,
+    )
 
-    current = _evaluate(robot, target, position, rotation)
-    iterations = 0
-    while True:
-        J, J_transposed = current.jacobian, current.jacobian.swapaxes(-1, -2)
-        gradient = (J_transposed @ current.error[..., None])[..., 0]
-        at_minimum = np.abs(gradient).max(axis=-1) <= GRADIENT_TOLERANCE
-        if iterations >= max_iterations or at_minimum.all():
-            break
-        iterations += 1
-        damped = J_transposed @ J + damping[..., None, None] * _IDENTITY
-        step = np.asarray(np.linalg.solve(damped, -gradient[..., None])[..., 0], dtype=np.float64)
-        trial = _evaluate(
-            robot,
-            target,
-            current.position + step[..., :3],
-            rotation_from_vector(step[..., 3:]) @ current.rotation,
+
+class _Search(NamedTuple):
+    """What the search without a guess starts from, and arrays of constant content for the kernels."""
+
+    frame: FloatArray  # (4,): the plane n^T x = d, n upwards, above which no platform hangs
+    starts: FloatArray  # (s, 3, 3)
+    center: FloatArray  # (3,): middle of the workspace
+    home: FloatArray  # (12,): position and rotation
+    unit_deviation: FloatArray  # (m,)
+    no_misfit: FloatArray  # (m + 1,)
+
+
+@functools.lru_cache(maxsize=16)
+def _search_of(robot: Robot) -> _Search:
+    m = robot.number_of_cables
+    base = robot.home.rotation
+    turned = [
+        rotation_from_vector(np.array([0.0, 0.0, turn])) @ base @ rotation_from_vector(np.array([x, y, 0.0]))
+        for turn, x, y in sorted(product(_TURNS, _TILTS, _TILTS), key=lambda v: math.hypot(*v))
+    ]
+    return _Search(
+        frozen(_frame_plane(robot)),
+        frozen(np.array(turned)),
+        frozen(0.5 * (robot.workspace_min + robot.workspace_max)),
+        frozen(np.concatenate((robot.home.position, base.ravel()))),
+        frozen(np.ones(m)),
+        frozen(np.full(m + 1, np.inf)),
+    )
+
+
+def _frame_plane(robot: Robot) -> FloatArray:
+    """Return (n, d) of the exit points' plane, or of the level one through the highest if they form none."""
+    exits = robot.exit_points
+    middle = exits.mean(axis=0)
+    _, extents, axes = np.linalg.svd(exits - middle)
+    normal = axes[2] * np.sign(axes[2, 2])
+    if extents[2] < _FLATNESS * extents[1] and normal[2] > 0.5:
+        return np.append(normal, normal @ middle)
+    return np.array([0.0, 0.0, 1.0, exits[:, 2].max()])
+
+
+@functools.lru_cache(maxsize=64)
+def _largest_misfit(m: int) -> FloatArray:
+    """Return the weighted square sum of errors of k = 0..m cables that noise exceeds once in 10,000 cases.
+
+    By the approximation of Wilson and Hilferty to the quantile of chi-squared with k - 6 degrees of freedom.
+    """
+    freedom = np.maximum(np.arange(m + 1) - 6.0, 1.0)
+    spread = 2.0 / (9.0 * freedom)
+    quantile = freedom * (1.0 - spread + _MISFIT_QUANTILE * np.sqrt(spread)) ** 3
+    quantile[:7] = np.inf  # six lengths fit any six
+    return frozen(quantile)
+
+
+def _deviations(length_deviation: ArrayLike, m: int) -> FloatArray:
+    deviation = checked("length_deviation", length_deviation)
+    if deviation.shape not in ((), (m,)):
+        raise InvalidInputError(
+            "length_deviation", length_deviation, f"shape {deviation.shape} where () or ({m},) is needed"
         )
-        better = (trial.cost <= current.cost * _COST_ROUNDING) & ~at_minimum
-        current = _select(better, trial, current)
-        damping = np.where(better, np.maximum(0.1 * damping, _LEAST_DAMPING), 10.0 * damping)
-
-    fits = np.abs(current.error).max(axis=-1) <= max_residual
-    pose = Pose(current.position, orthonormalised(current.rotation))
-    return ForwardKinematicsSolution(pose, current.error, np.asarray(at_minimum & fits), iterations)
+    if deviation.min() <= 0.0:
+        raise InvalidInputError("length_deviation", length_deviation, "must be positive")
+    return frozen(np.broadcast_to(deviation, (m,)))
 
 
-class _Iterate(NamedTuple):
-    """A batch of trial poses: length errors (..., m), half their square sum (...), J (..., m, 6)."""
+def _covariance(jacobian: FloatArray, deviation: FloatArray, wanted: BoolArray) -> FloatArray:
+    """Return J^+ S J^+T for members that are wanted, not-a-number for the others."""
+    result = np.full((*wanted.shape, 6, 6), np.nan)
+    J = jacobian[wanted]
+    if not J.size:
+        return result
+    _, singular, _ = np.linalg.svd(J)
+    flat = singular[:, -1] <= _SINGULAR * singular[:, 0]
+    if flat.any():
+        k = int(np.argmax(flat))
+        index = tuple(int(i) for i in np.argwhere(wanted)[k])
+        raise SingularWrenchMatrixError("the lengths do not determine the pose", -J[k].T, singular[k], index)
+    inverse = np.linalg.pinv(J) * deviation
+    result[wanted] = inverse @ inverse.swapaxes(-1, -2)
+    return result
 
-    position: FloatArray
-    rotation: FloatArray
-    error: FloatArray
-    cost: FloatArray
-    jacobian: FloatArray
 
-
-def _evaluate(robot: Robot, target: FloatArray, position: FloatArray, rotation: FloatArray) -> _Iterate:
-    geometry = cable_geometry(robot.exit_points, robot.anchor_points, position, rotation)
-    error = geometry.lengths - target
-    cost = 0.5 * np.einsum("...i,...i->...", error, error)
-    return _Iterate(position, rotation, error, cost, -geometry.wrench_columns())
-
-
-def _select(mask: BoolArray, chosen: _Iterate, other: _Iterate) -> _Iterate:
-    """Return `chosen` for the members of the batch where `mask` (...) holds, else `other`."""
-    if mask.all():
-        return chosen
-    return _Iterate(
-        *(
-            np.where(mask.reshape(mask.shape + (1,) * (a.ndim - mask.ndim)), a, b)
-            for a, b in zip(chosen, other, strict=True)
+def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> ForwardKinematicsError:
+    failed = ~solution.converged
+    statuses = solution.status[failed]
+    count = int(np.count_nonzero(failed))
+    errors = np.abs(solution.residual[failed])
+    worst = float(np.nanmax(errors)) if np.isfinite(errors).any() else math.nan
+    advice = {
+        kernels.ABOVE_FRAME: "What fits lies above the frame, where no suspended platform is",
+        kernels.BEYOND_PULLEY: "At the guess a cable cannot reach its pulley",
+    }.get(int(statuses[0]), "Check that the lengths belong to this robot, and start from a nearer guess")
+    slack = solution.slack[failed].reshape(-1, solution.slack.shape[-1])
+    with_slack = slack[slack.any(axis=-1)]
+    if len(with_slack):
+        named = " and ".join(
+            f"cable {k + 1} is slack by {with_slack[0, k]:.4g} m" for k in np.flatnonzero(with_slack[0])
         )
+        advice = f"Without it the others fit: {named}"
+    return ForwardKinematicsError(
+        f"{count} of {solution.converged.size} not solved after {solution.iterations} iterations; the "
+        f"largest length error is {worst:.6g} m where {max_residual:.6g} m is accepted. {advice}",
+        solution.residual,
+        solution.iterations,
+        solution.converged,
+        solution.slack,
     )

@@ -1,14 +1,16 @@
-"""Inverse kinematics for fixed exit points (eqs. 1-7; MODEL sections 1 and 2)."""
+"""Inverse kinematics over fixed exit points or pulleys (eqs. 1-7; docs/model.md, sections 1 and 2)."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from .arrays import FloatArray
-from .cable_geometry import SHORTEST_CABLE, cable_geometry
-from .errors import InvalidInputError
+from .cable_paths import path_error, path_lengths
+from .compiled import in_batch, kernel_input
+from .kernels.cable_kernels import PATH_EXISTS, cables_at_poses
 from .pose import Pose
 from .robot import Robot
 
@@ -20,16 +22,18 @@ class Cables:
     Attributes
     ----------
     lengths : numpy.ndarray, shape (..., m)
-        l_i, m.
+        From the exit point to the anchor point, with what is wrapped around the pulley, m.
     directions : numpy.ndarray, shape (..., m, 3)
-        Unit vectors u_i from the platform to the exit point, in base axes.
+        Unit vectors u_i from the platform towards the exit point or the pulley, in base axes.
     arms : numpy.ndarray, shape (..., m, 3)
         r_i = Q b_i, from the platform's origin to the anchor point, in base axes, m.
     wrench_matrix : numpy.ndarray, shape (..., 6, m)
         A, column i [u_i; r_i x u_i]: `A @ t` is the wrench of tensions t on the platform about its origin,
         in base axes.
     jacobian : numpy.ndarray, shape (..., m, 6)
-        J = -A^T: `J @ [v; omega]` are the rates of cable length.
+        J = -A^T: `J @ [v; omega]` are the rates of cable length, exact with pulleys too.
+    free_lengths : numpy.ndarray, shape (..., m)
+        From the anchor point to where the cable leaves its pulley, at p + r_i + f_i u_i, m.
     """
 
     lengths: FloatArray
@@ -37,10 +41,7 @@ class Cables:
     arms: FloatArray
     wrench_matrix: FloatArray
     jacobian: FloatArray
-
-    def __post_init__(self) -> None:
-        for array in (self.lengths, self.directions, self.arms, self.wrench_matrix, self.jacobian):
-            array.setflags(write=False)
+    free_lengths: FloatArray
 
 
 def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
@@ -54,13 +55,47 @@ def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
 
     Raises
     ------
-    InvalidInputError
-        If an anchor point coincides with its exit point (within a micrometre): the cable has no
-        direction there.
+    CableReachError
+        If a cable has no path or no direction: its anchor point lies on its exit point (within a micrometre),
+        inside its pulley, or on its swivel axis. Names cable and pose.
     """
-    geometry = cable_geometry(robot.exit_points, robot.anchor_points, pose.position, pose.rotation)
-    lengths, directions, arms = geometry
-    if lengths.size and lengths.min() < SHORTEST_CABLE:
-        raise InvalidInputError("pose", pose.position, "an anchor point coincides with its exit point")
-    columns = geometry.wrench_columns()
-    return Cables(lengths, directions, arms, columns.swapaxes(-1, -2), np.negative(columns))
+    batch, m = pose.batch_shape, robot.number_of_cables
+    n = math.prod(batch)
+    lengths, free_lengths = np.empty((n, m)), np.empty((n, m))
+    directions, arms = np.empty((n, m, 3)), np.empty((n, m, 3))
+    wrench_matrix, jacobian = np.empty((n, 6, m)), np.empty((n, m, 6))
+    fault, cable, member = cables_at_poses(
+        robot.path_geometry,
+        kernel_input(pose.position, n, 3),
+        kernel_input(pose.rotation, n, 3, 3),
+        lengths,
+        free_lengths,
+        directions,
+        arms,
+        wrench_matrix,
+        jacobian,
+    )
+    if fault != PATH_EXISTS:
+        raise path_error(fault, cable, member, pose)
+    return Cables(
+        in_batch(lengths, batch),
+        in_batch(directions, batch),
+        in_batch(arms, batch),
+        in_batch(wrench_matrix, batch),
+        in_batch(jacobian, batch),
+        in_batch(free_lengths, batch),
+    )
+
+
+def cable_lengths(robot: Robot, pose: Pose) -> FloatArray:
+    """Return cable lengths (..., m) alone, m.
+
+    Lengths are continuous wherever they exist. Below an exit point, on its swivel axis, they have no
+    derivative, so that `inverse_kinematics` refuses a pose there; this function does not.
+
+    Raises
+    ------
+    CableReachError
+        If an anchor point lies on its exit point or inside its pulley.
+    """
+    return path_lengths(robot.path_geometry, pose)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
-from .arrays import FloatArray, broadcast_batch, checked, frozen
+from .arrays import FloatArray, as_floats, broadcast_batch, checked, frozen
+from .compiled import kernel_input
 from .errors import InvalidInputError
-from .so3 import rotation_from_euler
+from .kernels.rotation_kernels import pose_defects, quaternions
+from .so3 import euler_from_rotation, rotation_from_euler, rotation_from_quaternion
 
 ORTHONORMALITY_TOLERANCE = 1e-6
-_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,20 +39,40 @@ class Pose:
     rotation: FloatArray
 
     def __init__(self, position: ArrayLike, rotation: ArrayLike) -> None:
-        p = checked("position", position, 3)
-        Q = checked("rotation", rotation, 3, 3)
+        p = as_floats("position", position, 3)
+        Q = as_floats("rotation", rotation, 3, 3)
         if p.shape[:-1] != Q.shape[:-2]:
             batch = broadcast_batch(position=p.shape[:-1], rotation=Q.shape[:-2])
             p = np.broadcast_to(p, (*batch, 3))
             Q = np.broadcast_to(Q, (*batch, 3, 3))
-        if p.size:
-            defect = np.abs(Q @ Q.swapaxes(-1, -2) - _IDENTITY).max()
-            if defect > ORTHONORMALITY_TOLERANCE:
-                raise InvalidInputError("rotation", Q, f"not orthonormal (Q Q^T - 1 reaches {defect:.3g})")
-            if np.linalg.det(Q).min() < 0.0:
-                raise InvalidInputError("rotation", Q, "left-handed (determinant -1), a reflection")
-        object.__setattr__(self, "position", frozen(p))
-        object.__setattr__(self, "rotation", frozen(Q))
+        p, Q = frozen(p), frozen(Q)
+        n = math.prod(p.shape[:-1])
+        defect, determinant = pose_defects(p.reshape(n, 3), Q.reshape(n, 3, 3))
+        if not defect <= ORTHONORMALITY_TOLERANCE:
+            checked("position", p)
+            checked("rotation", Q)
+            raise InvalidInputError("rotation", Q, f"not orthonormal (Q Q^T - 1 reaches {defect:.3g})")
+        if determinant < 0.0:
+            raise InvalidInputError("rotation", Q, "left-handed (determinant -1), a reflection")
+        object.__setattr__(self, "position", p)
+        object.__setattr__(self, "rotation", Q)
+
+    @classmethod
+    def trusted(cls, position: FloatArray, rotation: FloatArray) -> Pose:
+        """Take over arrays, without copy or check, that are poses by construction; they become read-only.
+
+        Parameters
+        ----------
+        position : numpy.ndarray, shape (..., 3)
+        rotation : numpy.ndarray, shape (..., 3, 3)
+            C-contiguous both, with equal batch axes.
+        """
+        pose = object.__new__(cls)
+        position.setflags(write=False)
+        rotation.setflags(write=False)
+        object.__setattr__(pose, "position", position)
+        object.__setattr__(pose, "rotation", rotation)
+        return pose
 
     @classmethod
     def from_euler(cls, position: ArrayLike, alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike) -> Pose:
@@ -94,30 +115,25 @@ class Pose:
         norm = np.sqrt(np.einsum("...i,...i->...", quaternion, quaternion))
         if np.any(np.abs(norm - 1.0) > 1e-3):
             raise InvalidInputError("quaternion_xyzw", quaternion, "not a unit quaternion")
-        matrices = Rotation.from_quat(np.array(quaternion).reshape(-1, 4)).as_matrix()
-        return cls(position, matrices.reshape(*quaternion.shape[:-1], 3, 3))
+        return cls(position, rotation_from_quaternion(quaternion / norm[..., None]))
 
     @property
     def quaternion(self) -> FloatArray:
         """Rotation as unit quaternion (..., 4) in the order x, y, z, w, with w >= 0."""
-        quaternion = self._as_scipy().as_quat()
-        quaternion = np.where(quaternion[:, 3:] < 0.0, -quaternion, quaternion)
-        return np.asarray(quaternion.reshape(*self.batch_shape, 4))
+        n = math.prod(self.batch_shape)
+        result = np.empty((n, 4))
+        quaternions(kernel_input(self.rotation, n, 3, 3), result)
+        return result.reshape(*self.batch_shape, 4)
 
     @property
     def euler(self) -> FloatArray:
         """Angles alpha, beta, gamma of eq. 4, shape (..., 3), rad; beta in [-pi/2, pi/2]."""
-        angles = self._as_scipy().as_euler("ZYX")
-        return np.asarray(angles.reshape(*self.batch_shape, 3))
+        return euler_from_rotation(self.rotation)
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes; () for a single pose."""
         return self.position.shape[:-1]
-
-    def _as_scipy(self) -> Rotation:
-        # Copied, with one batch axis: older releases of scipy take neither read-only arrays nor more axes.
-        return Rotation.from_matrix(np.array(self.rotation).reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)

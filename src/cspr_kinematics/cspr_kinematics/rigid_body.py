@@ -13,6 +13,8 @@ from .errors import InvalidInputError
 
 # Rounding allowance, relative to the largest element, in the tests of what an inertia must be.
 _INERTIA_TOLERANCE = 1e-9
+# Where the elements of an inertia tensor stand among the inertial parameters.
+TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,35 @@ class RigidBody:
         """Inertia tensor about the platform's origin, shape (3, 3), kg m^2 (MODEL section 4, I_P)."""
         return frozen(self.inertia + point_inertia(self.mass, self.center_of_mass))
 
+    @cached_property
+    def inertial_parameters(self) -> FloatArray:
+        """The ten parameters that the wrench is linear in, shape (10,), in platform axes.
+
+        Mass, first moment (3), and of the inertia tensor about the platform's origin Ixx, Ixy, Ixz, Iyy, Iyz,
+        Izz.
+        """
+        return _parameters(self.mass, self.first_moment, self.inertia_about_origin)
+
+    @classmethod
+    def from_inertial_parameters(cls, parameters: ArrayLike) -> RigidBody:
+        """Build the body that has given inertial parameters (10,), the inverse of `inertial_parameters`.
+
+        Raises
+        ------
+        InvalidInputError
+            If no body has them: mass or principal moments are not positive, or two moments add to less than
+            the third.
+        """
+        pi = checked("inertial parameters", parameters, 10)
+        if pi.ndim != 1:
+            raise InvalidInputError(
+                "inertial parameters", parameters, f"shape {pi.shape} where (10,) is needed"
+            )
+        mass = positive_number("mass", pi[0])
+        center = pi[1:4] / mass
+        about_origin = pi[TENSOR_PLACES]
+        return cls(mass, center, about_origin - point_inertia(mass, center))
+
 
 @dataclass(frozen=True, eq=False)
 class Payload:
@@ -95,10 +126,23 @@ class Payload:
         """Inertia tensor about the platform's origin, shape (3, 3), kg m^2."""
         return frozen(point_inertia(self.mass, self.center_of_mass))
 
+    @cached_property
+    def inertial_parameters(self) -> FloatArray:
+        """The ten parameters that the wrench is linear in, shape (10,), in platform axes.
+
+        Mass, first moment (3), and of the inertia tensor about the platform's origin Ixx, Ixy, Ixz, Iyy, Iyz,
+        Izz.
+        """
+        return _parameters(self.mass, self.first_moment, self.inertia_about_origin)
+
 
 def point_inertia(mass: float, position: FloatArray) -> FloatArray:
     """Inertia tensor (3, 3) about the origin of a point mass at `position` (3,), kg m^2."""
     return np.asarray(mass * ((position @ position) * np.eye(3) - np.outer(position, position)))
+
+
+def _parameters(mass: float, first_moment: FloatArray, inertia: FloatArray) -> FloatArray:
+    return frozen(np.concatenate(([mass], first_moment, inertia[np.triu_indices(3)])))
 
 
 def combine(body: RigidBody, payload: Payload) -> RigidBody:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import FloatArray, checked, frozen, non_negative_number, positive_number
-from .cable_geometry import SHORTEST_CABLE, cable_geometry
-from .errors import InvalidInputError
+from .cable_paths import path_geometry, path_lengths
+from .errors import CableReachError, InvalidInputError
 from .pose import Pose
+from .pulleys import UPWARDS, Pulleys
 from .rigid_body import RigidBody
 from .robot_file import Section, read_yaml
 from .winch import Motor, Winch
@@ -36,6 +39,9 @@ _ROBOT_KEYS = (
     "workspace_max",
     "trajectory_center",
 )
+_OPTIONAL_ROBOT_KEYS = ("pulleys",)
+_PULLEY_KEYS = ("radius",)
+_OPTIONAL_PULLEY_KEYS = ("swivel_axis",)
 _PLATFORM_KEYS = ("mass", "center_of_mass", "inertia")
 _WINCH_KEYS = ("drum_radius", "gear_ratio")
 _MOTOR_KEYS = ("inertia", "torque_limit", "speed_limit", "coulomb_friction", "viscous_friction")
@@ -44,13 +50,13 @@ _HOME_KEYS = ("position", "euler")
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A cable-suspended parallel robot with m cables and fixed exit points.
+    """A cable-suspended parallel robot with m cables, from fixed exit points or over swivelling pulleys.
 
     Attributes
     ----------
     name : str
     exit_points : numpy.ndarray, shape (m, 3)
-        a_i in base, m.
+        a_i in base, where the cable leaves the frame, or runs onto its pulley, m.
     anchor_points : numpy.ndarray, shape (m, 3)
         b_i in platform, m.
     frame_size : numpy.ndarray, shape (3,)
@@ -69,13 +75,16 @@ class Robot:
         Bounds of the platform's origin in base, m.
     trajectory_center : numpy.ndarray, shape (3,)
         Place in base about which the test trajectories run, m.
+    pulleys : Pulleys
+        At the exit points; by default of radius 0, which is no pulley.
 
     Raises
     ------
     InvalidInputError
         If a value is not finite or has another shape; with fewer than 6 cables, or not as many anchor
-        points as exit points; if limits are not in order, the home pose or the trajectories' centre lies
-        outside the workspace, or the winch's home lengths are not the cable lengths at the home pose.
+        points or pulleys as exit points; if limits are not in order, the home pose or the trajectories'
+        centre lies outside the workspace, or the winch's home lengths are not the cable lengths at the home
+        pose.
     """
 
     name: str
@@ -92,6 +101,7 @@ class Robot:
     workspace_min: FloatArray
     workspace_max: FloatArray
     trajectory_center: FloatArray
+    pulleys: Pulleys = field(default_factory=Pulleys.none)
 
     def __post_init__(self) -> None:
         self._set("exit_points", _points("exit_points", self.exit_points))
@@ -115,6 +125,40 @@ class Robot:
     def number_of_cables(self) -> int:
         """The number of cables, m."""
         return len(self.exit_points)
+
+    @cached_property
+    def path_geometry(self) -> FloatArray:
+        """What the kernels know of the cables, (m, 10): exit and anchor points, pulley radii, swivel axes."""
+        return path_geometry(self.exit_points, self.anchor_points, self.pulleys)
+
+    def with_geometry(
+        self,
+        *,
+        exit_points: ArrayLike | None = None,
+        anchor_points: ArrayLike | None = None,
+        pulleys: Pulleys | None = None,
+        home: Pose | None = None,
+    ) -> Robot:
+        """Return this robot with other points, pulleys or home pose, and the winches' zero set for them.
+
+        Raises
+        ------
+        InvalidInputError
+            As the constructor.
+        """
+        exits = self.exit_points if exit_points is None else _points("exit_points", exit_points)
+        anchors = self.anchor_points if anchor_points is None else _points("anchor_points", anchor_points)
+        pulleys = self.pulleys if pulleys is None else pulleys
+        home = self.home if home is None else home
+        lengths = home_lengths(exits, anchors, home, pulleys)
+        return dataclasses.replace(
+            self,
+            exit_points=exits,
+            anchor_points=anchors,
+            pulleys=pulleys,
+            home=home,
+            winch=dataclasses.replace(self.winch, home_lengths=lengths),
+        )
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Robot:
@@ -144,15 +188,21 @@ class Robot:
         RobotFileError
             For each value that cannot be used, naming source, key and value.
         """
-        top = Section(source, mapping, _ROBOT_KEYS)
+        top = Section(source, mapping, _ROBOT_KEYS, optional=_OPTIONAL_ROBOT_KEYS)
         exit_points = top.array("exit_points", None, 3)
         anchor_points = top.array("anchor_points", None, 3)
         home = _read_home(top.section("home", _HOME_KEYS))
         with top.constructing():
             _check_cables(exit_points, anchor_points)
-            home_lengths = _home_lengths(exit_points, anchor_points, home)
+        pulleys = Pulleys.none()
+        if "pulleys" in top:
+            pulleys = _read_pulleys(
+                top.section("pulleys", _PULLEY_KEYS, optional=_OPTIONAL_PULLEY_KEYS), len(exit_points)
+            )
+        with top.constructing():
+            lengths = home_lengths(exit_points, anchor_points, home, pulleys)
         platform = _read_platform(top.section("platform", _PLATFORM_KEYS))
-        winch = _read_winch(top.section("winch", _WINCH_KEYS), home_lengths)
+        winch = _read_winch(top.section("winch", _WINCH_KEYS), lengths)
         motor = _read_motor(top.section("motor", _MOTOR_KEYS))
         with top.constructing():
             return cls(
@@ -170,6 +220,7 @@ class Robot:
                 workspace_min=top.array("workspace_min", 3),
                 workspace_max=top.array("workspace_max", 3),
                 trajectory_center=top.array("trajectory_center", 3),
+                pulleys=pulleys,
             )
 
     def _set(self, name: str, value: object) -> None:
@@ -187,12 +238,47 @@ class Robot:
                 raise InvalidInputError(name, point, "outside workspace_min to workspace_max")
 
     def _check_home(self) -> None:
-        lengths = _home_lengths(self.exit_points, self.anchor_points, self.home)
+        lengths = home_lengths(self.exit_points, self.anchor_points, self.home, self.pulleys)
         given = self.winch.home_lengths
         if given.shape != lengths.shape or np.abs(given - lengths).max() > _HOME_LENGTH_TOLERANCE:
             raise InvalidInputError(
                 "winch", given, f"home_lengths must be the cable lengths at home, {lengths.tolist()}"
             )
+
+
+def home_lengths(
+    exit_points: ArrayLike, anchor_points: ArrayLike, home: Pose, pulleys: Pulleys | None = None
+) -> FloatArray:
+    """Return the cable lengths (m,) at a home pose, which are the zero of the winches, m.
+
+    For whoever builds a robot from other points than a file's: `Winch.home_lengths` must fit them, and with
+    pulleys they are not the distances of the points.
+
+    Parameters
+    ----------
+    exit_points, anchor_points : array_like, shape (m, 3)
+        In base and in platform, m.
+    home : Pose
+        A single pose.
+    pulleys : Pulleys, optional
+        None for fixed exit points.
+
+    Raises
+    ------
+    InvalidInputError
+        If the points do not fit each other or the pulleys, home is a batch, or a cable has no path there.
+    """
+    exits, anchors = _points("exit_points", exit_points), _points("anchor_points", anchor_points)
+    _check_cables(exits, anchors)
+    if home.batch_shape:
+        raise InvalidInputError("home", home.position, "must be a single pose")
+    geometry = path_geometry(exits, anchors, Pulleys.none() if pulleys is None else pulleys)
+    try:
+        return path_lengths(geometry, home)
+    except CableReachError as error:
+        raise InvalidInputError(
+            "home", home.position, f"cable {error.cable} has no length at this pose; {error.fault}"
+        ) from error
 
 
 def _points(name: str, value: ArrayLike) -> FloatArray:
@@ -224,22 +310,18 @@ def _check_cables(exit_points: FloatArray, anchor_points: FloatArray) -> None:
         )
 
 
-def _home_lengths(exit_points: FloatArray, anchor_points: FloatArray, home: Pose) -> FloatArray:
-    if home.batch_shape:
-        raise InvalidInputError("home", home.position, "must be a single pose")
-    lengths = cable_geometry(exit_points, anchor_points, home.position, home.rotation).lengths
-    if lengths.min() < SHORTEST_CABLE:
-        raise InvalidInputError(
-            "home", home.position, f"cable {int(lengths.argmin()) + 1} has no length at this pose"
-        )
-    return lengths
-
-
 def _read_home(section: Section) -> Pose:
     position = section.array("position", 3)
     alpha, beta, gamma = section.array("euler", 3)
     with section.constructing():
         return Pose.from_euler(position, alpha, beta, gamma)
+
+
+def _read_pulleys(section: Section, number_of_cables: int) -> Pulleys:
+    radius = section.array_or_row("radius", number_of_cables)
+    axis = section.array_or_row("swivel_axis", number_of_cables, 3) if "swivel_axis" in section else UPWARDS
+    with section.constructing():
+        return Pulleys(radius, axis)
 
 
 def _read_platform(section: Section) -> RigidBody:

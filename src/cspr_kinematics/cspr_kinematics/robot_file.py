@@ -45,11 +45,13 @@ class Section:
     source : str
         The file, for errors.
     content : object
-        What stands there; must be a mapping with exactly the given keys.
+        What stands there; must be a mapping with the given keys and no others.
     keys : tuple of str
         The keys it must have.
     path : str
         Dotted path of the mapping, empty for the whole description.
+    optional : tuple of str
+        The keys it may have besides.
 
     Raises
     ------
@@ -57,7 +59,14 @@ class Section:
         From the constructor and every method, if what is found is not what is needed.
     """
 
-    def __init__(self, source: str, content: object, keys: tuple[str, ...], path: str = "") -> None:
+    def __init__(
+        self,
+        source: str,
+        content: object,
+        keys: tuple[str, ...],
+        path: str = "",
+        optional: tuple[str, ...] = (),
+    ) -> None:
         self.source = source
         self.path = path
         if not isinstance(content, Mapping):
@@ -66,8 +75,9 @@ class Section:
             )
         self._content = content
         for key in content:
-            if key not in keys:
-                raise self.error(str(key), content[key], f"unknown key; known are {', '.join(keys)}")
+            if key not in keys and key not in optional:
+                known = ", ".join((*keys, *optional))
+                raise self.error(str(key), content[key], f"unknown key; known are {known}")
         for key in keys:
             if key not in content:
                 raise self.error(key, None, "missing key")
@@ -76,9 +86,13 @@ class Section:
         """Return the error that names `key` of this section."""
         return RobotFileError(self.source, f"{self.path}.{key}" if self.path else key, value, reason)
 
-    def section(self, key: str, keys: tuple[str, ...]) -> Section:
+    def __contains__(self, key: str) -> bool:
+        return key in self._content
+
+    def section(self, key: str, keys: tuple[str, ...], optional: tuple[str, ...] = ()) -> Section:
         """Return the mapping under `key`."""
-        return Section(self.source, self._content[key], keys, f"{self.path}.{key}" if self.path else key)
+        path = f"{self.path}.{key}" if self.path else key
+        return Section(self.source, self._content[key], keys, path, optional)
 
     def text(self, key: str) -> str:
         """Return the non-empty string under `key`."""
@@ -94,6 +108,16 @@ class Section:
     def array(self, key: str, *shape: int | None) -> FloatArray:
         """Return the array under `key`; None in `shape` stands for any count of at least one."""
         return np.array(self._array(key, self._content[key], shape), dtype=np.float64)
+
+    def array_or_row(self, key: str, count: int, *shape: int) -> FloatArray:
+        """Return `count` arrays of a shape under `key`, or the one that stands there for all of them."""
+        value = self._content[key]
+        rows = value
+        for _ in shape:
+            rows = rows[0] if isinstance(rows, list | tuple | np.ndarray) and len(rows) else None
+        if isinstance(rows, list | tuple | np.ndarray):
+            return self.array(key, count, *shape)
+        return self.array(key, *shape)
 
     @contextmanager
     def constructing(self) -> Iterator[None]:

@@ -10,6 +10,9 @@ _NEXT = np.array([1, 2, 0])
 _AFTER_NEXT = np.array([2, 0, 1])
 _IDENTITY = np.eye(3)
 _SMALL_ANGLE = 1e-9
+# Cosine of beta below which alpha and gamma turn about the same axis, as far as rounding lets them be told
+# apart.
+_GIMBAL_LOCK = 1e-7
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -41,6 +44,41 @@ def rotation_from_euler(alpha: FloatArray, beta: FloatArray, gamma: FloatArray) 
     Q[..., 0, 0], Q[..., 0, 1], Q[..., 0, 2] = ca * cb, ca * sb * sg - sa * cg, ca * sb * cg + sa * sg
     Q[..., 1, 0], Q[..., 1, 1], Q[..., 1, 2] = sa * cb, sa * sb * sg + ca * cg, sa * sb * cg - ca * sg
     Q[..., 2, 0], Q[..., 2, 1], Q[..., 2, 2] = -sb, cb * sg, cb * cg
+    return Q
+
+
+def euler_from_rotation(rotation: FloatArray) -> FloatArray:
+    """Return alpha, beta, gamma (..., 3) of eq. 4 from Q (..., 3, 3), rad; beta in [-pi/2, pi/2].
+
+    Where beta is +-pi/2 to rounding only alpha -+ gamma is known: gamma is then zero.
+    """
+    Q = rotation
+    cos_beta = np.hypot(Q[..., 0, 0], Q[..., 1, 0])
+    known = cos_beta > _GIMBAL_LOCK
+    alpha = np.where(known, np.arctan2(Q[..., 1, 0], Q[..., 0, 0]), np.arctan2(-Q[..., 0, 1], Q[..., 1, 1]))
+    gamma = np.where(known, np.arctan2(Q[..., 2, 1], Q[..., 2, 2]), 0.0)
+    return np.stack((alpha, np.arctan2(-Q[..., 2, 0], cos_beta), gamma), axis=-1)
+
+
+def rotation_from_quaternion(quaternion: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4) in the order x, y, z, w."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    Q = np.empty((*quaternion.shape[:-1], 3, 3))
+    Q[..., 0, 0], Q[..., 0, 1], Q[..., 0, 2] = (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - z * w),
+        2.0 * (x * z + y * w),
+    )
+    Q[..., 1, 0], Q[..., 1, 1], Q[..., 1, 2] = (
+        2.0 * (x * y + z * w),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - x * w),
+    )
+    Q[..., 2, 0], Q[..., 2, 1], Q[..., 2, 2] = (
+        2.0 * (x * z - y * w),
+        2.0 * (y * z + x * w),
+        1.0 - 2.0 * (x * x + y * y),
+    )
     return Q
 
 

@@ -2,49 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.optimize import lsq_linear
+from numpy.typing import ArrayLike, NDArray
 
-from .arrays import BoolArray, FloatArray, broadcast_batch, checked
-from .errors import InvalidInputError
+from .arrays import FloatArray, broadcast_batch, checked
+from .compiled import in_chunks, kernel_input
+from .errors import InvalidInputError, SingularWrenchMatrixError
+from .kernels.tension_batch import (
+    analytic_center_batch,
+    assess_kernel,
+    bounded_batch,
+    centroid_batch,
+    minimum_norm_batch,
+)
+from .kernels.tension_kernels import EXACT, INFEASIBLE, SINGULAR, WRENCH_TOLERANCE
+from .tension_result import TensionResult
 
-Method = Literal["minimum_norm", "closest"]
+Method = Literal["minimum_norm", "closest", "centroid", "analytic_center"]
 
-# A wrench counts as reached when its error is below this share of it (of one newton for smaller ones).
-WRENCH_TOLERANCE = 1e-6
-# Above this relative error the normal equations have lost the wrench: A A^T is singular to rounding.
-_NORMAL_EQUATION_TOLERANCE = 1e-9
+METHODS: tuple[Method, ...] = get_args(Method)
+_EQUAL_WEIGHTS = kernel_input(np.ones(6), 6)
 _PSEUDOINVERSE_CUTOFF = 1e-10
-# Weight of the distance to the minimum-norm tensions against the wrench error in `closest`, 1/m per m:
-# makes the solution unique and continuous, and costs a wrench error of its square, about 1e-10.
-_REGULARISATION = 1e-5
-
-
-@dataclass(frozen=True, eq=False)
-class TensionResult:
-    """Cable tensions for a wrench, and whether they are any good; arrays are read-only.
-
-    Attributes
-    ----------
-    tensions : numpy.ndarray, shape (..., m)
-        t, N; positive pulls.
-    feasible : numpy.ndarray of bool, shape (...)
-        Whether the tensions lie in [t_min, t_max] and give the wrench (within 1e-6 of its norm).
-    residual : numpy.ndarray, shape (...)
-        Norm of the wrench error A t - w; newton and newton metre count alike, as at a lever of 1 m.
-    """
-
-    tensions: FloatArray
-    feasible: BoolArray
-    residual: FloatArray
-
-    def __post_init__(self) -> None:
-        for array in (self.tensions, self.feasible, self.residual):
-            array.setflags(write=False)
+_MOST_CABLES_WITH_CENTROID = 8
 
 
 def distribute_tensions(
@@ -53,8 +34,26 @@ def distribute_tensions(
     t_min: ArrayLike,
     t_max: ArrayLike,
     method: Method = "minimum_norm",
+    *,
+    reference: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    threads: int = 1,
 ) -> TensionResult:
     """Return tensions t with A t = w, or as near to it as the method can get.
+
+    `minimum_norm`: t = A^+ w (eq. 15), whatever sign and size it has; `feasible` tells. The other methods
+    keep t inside the limits:
+
+    - `closest`: of all feasible tensions the nearest to the reference; with the default reference of zero
+      those of least norm, A^+ w itself where that is inside the limits.
+    - `centroid`: the centre of area of all feasible tensions, far from the limits; for 6 to 8 cables.
+    - `analytic_center`: the feasible tensions with the largest product of distances to the limits; for any
+      number of cables, and smooth along a trajectory where the others have kinks.
+
+    Where no tensions inside the limits give the wrench, these three return the ones of least weighted wrench
+    error, with a direction that proves it (`TensionResult.separating_direction`). At the border of what is
+    feasible the two answers meet, so that tensions are continuous along a trajectory that crosses it. Each
+    takes at most 20 m + 100 steps of its solvers.
 
     Parameters
     ----------
@@ -64,83 +63,136 @@ def distribute_tensions(
         w, the wrench the cables shall supply.
     t_min, t_max : float or array_like, shape (..., m)
         Limits of the tensions, N.
-    method : {"minimum_norm", "closest"}
-        `minimum_norm`: t = A^+ w (eq. 15), whatever sign and size it has; `feasible` tells.
-        `closest`: t inside the limits with the least wrench error, so that no cable pushes; among several,
-        the one nearest to A^+ w, and A^+ w itself where that is inside the limits.
+    method : {"minimum_norm", "closest", "centroid", "analytic_center"}
+    reference : float or array_like, shape (..., m), optional
+        Tensions that `closest` shall come near to, N. The other bounded methods use it where the wrench is
+        out of reach and the cables still leave a choice.
+    weights : array_like, shape (6,), optional
+        Positive weights of the squared components of the wrench error where the wrench is out of reach;
+        by default newton and newton metre count alike.
+    threads : int
+        Number of threads among which a batch is shared.
 
     Raises
     ------
     InvalidInputError
         If a value is not finite or has another shape, batch axes do not broadcast, a lower limit is not
-        below its upper one, or the method is unknown.
+        below its upper one, a weight is not positive, the method is unknown, or `centroid` is asked for more
+        than 8 cables.
+    SingularWrenchMatrixError
+        If a wrench matrix has lost a rank and the method is not `minimum_norm`: the cables cannot hold the
+        platform there, whatever their tensions.
     """
-    if method not in get_args(Method):
-        raise InvalidInputError("method", method, f"known are {', '.join(get_args(Method))}")
+    if method not in METHODS:
+        raise InvalidInputError("method", method, f"known are {', '.join(METHODS)}")
     w = checked("wrench", wrench, 6)
     A = checked("wrench_matrix", wrench_matrix)
-    if A.ndim < 2 or A.shape[-2] != 6:
+    if A.ndim < 2 or A.shape[-2] != 6 or A.shape[-1] < 6:
         raise InvalidInputError(
-            "wrench_matrix", wrench_matrix, f"shape {A.shape} where (..., 6, m) is needed"
+            "wrench_matrix", wrench_matrix, f"shape {A.shape} where (..., 6, m) with m >= 6 is needed"
         )
-    if A.shape[:-2] != w.shape[:-1]:
-        batch = broadcast_batch(wrench_matrix=A.shape[:-2], wrench=w.shape[:-1])
-        A, w = np.broadcast_to(A, (*batch, *A.shape[-2:])), np.broadcast_to(w, (*batch, 6))
-    low, high = _limits(t_min, t_max, (*w.shape[:-1], A.shape[-1]))
-
-    scale = np.maximum(_norm(w), 1.0)
-    tensions, residual = _minimum_norm(A, w, scale)
-    inside = ((tensions >= low) & (tensions <= high)).all(axis=-1)
-    if method == "closest" and not inside.all():
-        tensions = np.array(tensions)
-        low, high = np.broadcast_to(low, tensions.shape), np.broadcast_to(high, tensions.shape)
-        for index in map(tuple, np.argwhere(~inside)):
-            tensions[index] = _closest(A[index], w[index], low[index], high[index], tensions[index])
-        residual = _residual(A, w, tensions)
-        inside = np.ones_like(inside)
-    feasible = inside & (residual <= WRENCH_TOLERANCE * scale)
-    return TensionResult(tensions, np.asarray(feasible), np.asarray(residual))
-
-
-def _limits(t_min: ArrayLike, t_max: ArrayLike, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    m = A.shape[-1]
+    if method == "centroid" and m > _MOST_CABLES_WITH_CENTROID:
+        raise InvalidInputError(
+            "method", method, f"for at most {_MOST_CABLES_WITH_CENTROID} cables, not {m}; use analytic_center"
+        )
+    batch = broadcast_batch(wrench_matrix=A.shape[:-2], wrench=w.shape[:-1])
+    shape = (*batch, m)
     low, high = checked("t_min", t_min), checked("t_max", t_max)
     if np.any(low >= high):
         raise InvalidInputError("t_min", t_min, f"must be below t_max = {high}")
-    for name, limit in (("t_min", low), ("t_max", high)):
-        if limit.ndim and broadcast_batch(tensions=shape, **{name: limit.shape}) != shape:
-            raise InvalidInputError(name, limit, f"shape {limit.shape} does not fit tensions {shape}")
-    return low, high
+    w_kernel, A_kernel = _stacked(w, batch, 6), _stacked(A, batch, 6, m)
+    limits = _per_cable("t_min", low, shape), _per_cable("t_max", high, shape)
+    near = _per_cable("reference", checked("reference", reference), shape)
+    count = 1
+    for size in batch:
+        count *= size
+    tensions, direction = np.empty((count, m)), np.full((count, 6), np.nan)
+    status, steps = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    separation = np.full(count, np.nan)
+    problem = A_kernel, w_kernel, *limits
+    checked_weights = _checked_weights(weights)
+
+    def work(first: int, after_last: int) -> None:
+        part = first, after_last, tensions, status
+        if method == "minimum_norm":
+            minimum_norm_batch(A_kernel, w_kernel, *part)
+            return
+        bounded_batch(*problem, near, checked_weights, *part, steps, direction, separation)
+        if method == "centroid":
+            centroid_batch(*problem, *part, steps)
+        elif method == "analytic_center":
+            analytic_center_batch(*problem, *part, steps)
+
+    in_chunks(work, count, threads)
+    if SINGULAR in status:
+        if method != "minimum_norm":
+            _raise_singular(A_kernel, status, batch)
+        _pseudoinverse(A_kernel, w_kernel, tensions, status)
+    residual_wrench, residual = np.empty((count, 6)), np.empty(count)
+    margin, feasible = np.empty(count), np.empty(count, np.bool_)
+    active = np.empty((count, m), np.int8)
+    assess_kernel(*problem, tensions, status, residual_wrench, residual, margin, active, feasible)
+    return TensionResult(
+        tensions.reshape(shape),
+        feasible.reshape(batch),
+        residual.reshape(batch),
+        residual_wrench.reshape(*batch, 6),
+        margin.reshape(batch),
+        active.reshape(shape),
+        status.reshape(batch),
+        steps.reshape(batch),
+        direction.reshape(*batch, 6),
+        separation.reshape(batch),
+    )
 
 
-def _minimum_norm(A: FloatArray, w: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return A^+ w and the norm of its wrench error, which `scale` (...) makes relative."""
-    A_transposed = A.swapaxes(-1, -2)
-    try:
-        # For full row rank A^+ = A^T (A A^T)^-1, a fifth of the cost of a singular value decomposition.
-        multipliers = np.linalg.solve(A @ A_transposed, w[..., None])
-        tensions = (A_transposed @ multipliers)[..., 0]
-        residual = _residual(A, w, tensions)
-        if (residual <= _NORMAL_EQUATION_TOLERANCE * scale).all():
-            return tensions, residual
-    except np.linalg.LinAlgError:
-        pass  # exactly singular: the decomposition below handles any rank
-    tensions = (np.linalg.pinv(A, rcond=_PSEUDOINVERSE_CUTOFF) @ w[..., None])[..., 0]
-    return tensions, _residual(A, w, tensions)
+def _stacked(array: FloatArray, batch: tuple[int, ...], *own: int) -> FloatArray:
+    """Return `array` with the batch as one axis; of size 1 if all of the batch share it."""
+    if array.ndim == len(own):
+        return kernel_input(array, 1, *own)
+    if array.shape[: -len(own)] != batch:
+        array = np.broadcast_to(array, (*batch, *own))
+    return kernel_input(array, -1, *own)
 
 
-def _closest(
-    A: FloatArray, w: FloatArray, low: FloatArray, high: FloatArray, start: FloatArray
-) -> FloatArray:
-    """Return the bounded least-squares solution for one pose."""
-    regularised = np.concatenate((A, _REGULARISATION * np.eye(A.shape[1])))
-    target = np.concatenate((w, _REGULARISATION * start))
-    solution = lsq_linear(regularised, target, (low, high), method="bvls", max_iter=100)
-    return np.asarray(np.clip(solution.x, low, high))
+def _per_cable(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return a value for each cable, as `_stacked`; it may have any shape that broadcasts to `shape`."""
+    m = shape[-1]
+    if value.ndim == 0:
+        return kernel_input(np.full(m, value), 1, m)
+    if broadcast_batch(tensions=shape, **{name: value.shape}) != shape:
+        raise InvalidInputError(name, value, f"shape {value.shape} does not fit tensions {shape}")
+    if value.shape == (m,):
+        return kernel_input(value, 1, m)
+    return kernel_input(np.broadcast_to(value, shape), -1, m)
 
 
-def _residual(A: FloatArray, w: FloatArray, tensions: FloatArray) -> FloatArray:
-    return _norm((A @ tensions[..., None])[..., 0] - w)
+def _checked_weights(weights: ArrayLike | None) -> FloatArray:
+    if weights is None:
+        return _EQUAL_WEIGHTS
+    array = checked("weights", weights, 6)
+    if array.ndim != 1 or array.min() <= 0.0:
+        raise InvalidInputError("weights", weights, "6 positive numbers are needed")
+    return kernel_input(array, 6)
 
 
-def _norm(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
+def _raise_singular(A: FloatArray, status: NDArray[np.int64], batch: tuple[int, ...]) -> None:
+    first = int((status == SINGULAR).argmax())
+    matrix = A[first if len(A) > 1 else 0]
+    raise SingularWrenchMatrixError(
+        "the cables cannot hold the platform against every wrench",
+        matrix,
+        np.linalg.svd(matrix, compute_uv=False),
+        tuple(map(int, np.unravel_index(first, batch))) if batch else (),
+    )
+
+
+def _pseudoinverse(A: FloatArray, w: FloatArray, tensions: FloatArray, status: NDArray[np.int64]) -> None:
+    """Complete the minimum-norm solutions where a wrench matrix has lost a rank."""
+    for k in np.flatnonzero(status == SINGULAR):
+        matrix, goal = A[k if len(A) > 1 else 0], w[k if len(w) > 1 else 0]
+        tensions[k] = np.linalg.pinv(matrix, rcond=_PSEUDOINVERSE_CUTOFF) @ goal
+        error = np.linalg.norm(matrix @ tensions[k] - goal)
+        reached = error <= WRENCH_TOLERANCE * max(float(np.linalg.norm(goal)), 1.0)
+        status[k] = EXACT if reached else INFEASIBLE

@@ -1,0 +1,124 @@
+"""The one place that knows numba: compiled kernels, their cache on disk, and threads for batches."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import logging
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numba import njit
+from numba.core import event
+from numpy.typing import NDArray
+
+from .arrays import FloatArray
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Array = TypeVar("_Array", bound=NDArray[Any])
+_KERNELS = Path(__file__).with_name("kernels")
+_IMPORT = re.compile(r"^from \.(\w+) import", re.MULTILINE)
+
+logger = logging.getLogger("cspr_kinematics")
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a function on its first call, and keep the machine code on disk.
+
+    The code follows IEEE 754 (no fast-math), divides by zero into infinity as numpy does, and runs without
+    the interpreter lock. Arguments are numbers and C-contiguous arrays; `kernel_input` makes inputs of the
+    one array type that all callers use, so that no second version is ever compiled.
+    """
+    compiled = njit(nogil=True, error_model="numpy", fastmath=False)(function)
+    try:
+        compiled.enable_caching()
+        _stamp_with_sources(compiled)
+    except RuntimeError as error:  # no directory to write to: compile in every process
+        logger.warning("%s; the kernels will be compiled in every process", error)
+    # To the type checker a kernel is the function it was made from.
+    return compiled  # type: ignore[no-any-return]
+
+
+def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
+    """Return `array` with `shape`, C-contiguous and read-only: the type for which kernels are compiled."""
+    view = array.reshape(shape)
+    flags = view.flags
+    if flags.writeable or not flags.c_contiguous:
+        view = np.ascontiguousarray(view).view()
+        view.setflags(write=False)
+    return view
+
+
+def in_batch(array: _Array, batch: tuple[int, ...]) -> _Array:
+    """Return a result (n, ...) of a kernel with the batch axes `batch` in place of n, read-only."""
+    result = array.reshape(batch + array.shape[1:]) if batch else array[0]
+    result.setflags(write=False)
+    return result
+
+
+def in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> None:
+    """Run `work(first, after_last)` over range(count), in equal parts on several threads.
+
+    Kernels hold no interpreter lock, so that threads scale to as many cores. Plain threads, because those of
+    OpenMP do not survive a fork and numba's own must not be entered twice at a time.
+    """
+    if threads <= 1 or count < 2 * threads:
+        work(0, count)
+        return
+    bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(work, a, b) for a, b in itertools.pairwise(bounds)]:
+            done.result()
+
+
+@functools.cache
+def _digest_of_sources(module: str) -> str:
+    """Digest of the source of a module of kernels and of those from which it takes others."""
+    sources: dict[str, str] = {}
+    pending = [module]
+    while pending:
+        name = pending.pop()
+        if name not in sources:
+            sources[name] = (_KERNELS / f"{name}.py").read_text(encoding="utf-8")
+            pending += _IMPORT.findall(sources[name])
+    return hashlib.sha256(repr(sorted(sources.items())).encode()).hexdigest()
+
+
+def _stamp_with_sources(compiled: Any) -> None:
+    """Make the cached code of a kernel stale when a kernel that it calls has changed.
+
+    numba looks at the file of the kernel itself, and would go on using what was inlined from another one. It
+    offers no public way to say so; where its internals differ from what is expected its own rule remains.
+    """
+    cache_file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if cache_file is not None and hasattr(cache_file, "_source_stamp"):
+        path = Path(compiled.py_func.__code__.co_filename)
+        if path.parent == _KERNELS and path.exists():
+            cache_file._source_stamp = (cache_file._source_stamp, _digest_of_sources(path.stem))
+
+
+class _CompilationNotice(event.Listener):  # type: ignore[misc]
+    """Says once that kernels are being compiled, because the first call then takes seconds."""
+
+    def __init__(self) -> None:
+        self._said = False
+
+    def on_start(self, event: Any) -> None:
+        function = event.data["dispatcher"].py_func
+        if not self._said and function.__module__.startswith("cspr_kinematics."):
+            self._said = True
+            logger.warning(
+                "cspr_kinematics: compiling its kernels for this machine, once after installation; "
+                "this takes some seconds, and later starts find them in the cache"
+            )
+
+    def on_end(self, event: Any) -> None:
+        """Nothing to say at the end."""
+
+
+event.register("numba:compile", _CompilationNotice())

@@ -1,0 +1,395 @@
+"""Pose from cable lengths by Levenberg-Marquardt iteration (docs/model.md, section 5)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..arrays import BoolArray, FloatArray, IntArray
+from ..compiled import kernel
+from .cable_kernels import ON_SWIVEL_AXIS, PATH_EXISTS, cable_path
+from .linear_kernels import assign_matrix, assign_vector, fill_matrix, fill_vector, solve_positive
+from .rotation_kernels import orthonormalise, turn
+
+# The gradient J^T e of half the squared length errors, below which a pose is a minimum, m. For a
+# well-conditioned Jacobian the pose is then within about the same distance of it.
+GRADIENT_TOLERANCE = 1e-9
+_INITIAL_DAMPING = 1e-6
+_LEAST_DAMPING = 1e-12
+_LARGEST_DAMPING = 1e12
+# Allowance for rounding when costs are compared: close to the minimum all steps change them by less.
+_COST_ROUNDING = 1.0 + 1e-12
+# Without a guess: a pose that fits this well (root of the mean square, m) ends the search.
+_EXACT_FIT = 1e-7
+_POSITION_ITERATIONS = 12
+
+# How the iteration for one pose ended.
+CONVERGED = 0
+ITERATION_LIMIT = 1
+NO_POSE_FITS = 2
+SLACK_CABLE = 3
+ABOVE_FRAME = 4
+BEYOND_PULLEY = 5
+
+
+@kernel
+def _evaluate(
+    geometry: FloatArray,
+    target: FloatArray,
+    used: BoolArray,
+    position: FloatArray,
+    rotation: FloatArray,
+    error: FloatArray,
+    jacobian: FloatArray,
+) -> float:
+    """Fill in length errors and Jacobian; return half the square sum of the used, infinite without a path."""
+    cost = 0.0
+    for i in range(geometry.shape[0]):
+        bx, by, bz = geometry[i, 3], geometry[i, 4], geometry[i, 5]
+        rx = rotation[0, 0] * bx + rotation[0, 1] * by + rotation[0, 2] * bz
+        ry = rotation[1, 0] * bx + rotation[1, 1] * by + rotation[1, 2] * bz
+        rz = rotation[2, 0] * bx + rotation[2, 1] * by + rotation[2, 2] * bz
+        fault, length, _, ux, uy, uz = cable_path(
+            position[0] + rx - geometry[i, 0],
+            position[1] + ry - geometry[i, 1],
+            position[2] + rz - geometry[i, 2],
+            geometry[i, 6],
+            geometry[i, 7],
+            geometry[i, 8],
+            geometry[i, 9],
+        )
+        if fault not in (PATH_EXISTS, ON_SWIVEL_AXIS):
+            return math.inf
+        error[i] = length - target[i]
+        if used[i]:
+            cost += 0.5 * error[i] * error[i]
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = -ux, -uy, -uz
+        jacobian[i, 3] = rz * uy - ry * uz
+        jacobian[i, 4] = rx * uz - rz * ux
+        jacobian[i, 5] = ry * ux - rx * uy
+    return cost
+
+
+@kernel
+def _iterate(
+    geometry: FloatArray,
+    target: FloatArray,
+    used: BoolArray,
+    unknowns: int,
+    max_iterations: int,
+    position: FloatArray,
+    rotation: FloatArray,
+    error: FloatArray,
+    jacobian: FloatArray,
+) -> tuple[int, int, float]:
+    """Improve a pose in place; with 3 unknowns the position alone. Return status, iterations and cost."""
+    m = geometry.shape[0]
+    trial_position, trial_rotation = np.empty(3), np.empty((3, 3))
+    trial_error, trial_jacobian = np.empty(m), np.empty((m, 6))
+    normal, damped = np.empty((unknowns, unknowns)), np.empty((unknowns, unknowns))
+    gradient, step = np.empty(unknowns), np.empty(unknowns)
+    damping = _INITIAL_DAMPING
+    cost = _evaluate(geometry, target, used, position, rotation, error, jacobian)
+    if cost == math.inf:
+        return BEYOND_PULLEY, 0, cost
+    iterations = 0
+    improved = True
+    while True:
+        if improved:
+            largest = 0.0
+            for j in range(unknowns):
+                value = 0.0
+                for i in range(m):
+                    if used[i]:
+                        value += jacobian[i, j] * error[i]
+                gradient[j] = value
+                largest = max(largest, abs(value))
+                for k in range(j + 1):
+                    value = 0.0
+                    for i in range(m):
+                        if used[i]:
+                            value += jacobian[i, j] * jacobian[i, k]
+                    normal[j, k] = value
+            if largest <= GRADIENT_TOLERANCE:
+                return CONVERGED, iterations, cost
+        if iterations >= max_iterations or damping > _LARGEST_DAMPING:
+            return ITERATION_LIMIT, iterations, cost
+        iterations += 1
+        for j in range(unknowns):
+            for k in range(j + 1):
+                damped[j, k] = normal[j, k]
+            damped[j, j] += damping
+            step[j] = -gradient[j]
+        improved = False
+        if solve_positive(damped, step):
+            for j in range(3):
+                trial_position[j] = position[j] + step[j]
+            if unknowns == 6:
+                turn(step[3], step[4], step[5], rotation, trial_rotation)
+            else:
+                assign_matrix(trial_rotation, rotation)
+            trial_cost = _evaluate(
+                geometry, target, used, trial_position, trial_rotation, trial_error, trial_jacobian
+            )
+            improved = trial_cost <= cost * _COST_ROUNDING
+        if improved:
+            assign_vector(position, trial_position)
+            assign_matrix(rotation, trial_rotation)
+            assign_vector(error, trial_error)
+            assign_matrix(jacobian, trial_jacobian)
+            cost = trial_cost
+            damping = max(0.1 * damping, _LEAST_DAMPING)
+        else:
+            damping *= 10.0
+
+
+@kernel
+def _above(geometry: FloatArray, frame: FloatArray, position: FloatArray, rotation: FloatArray) -> bool:
+    """Whether the centre of the anchor points lies above the frame's plane n^T x = d, `frame` = (n, d)."""
+    m = geometry.shape[0]
+    height = -frame[3]
+    for j in range(3):
+        center = position[j]
+        for k in range(3):
+            total = 0.0
+            for i in range(m):
+                total += geometry[i, 3 + k]
+            center += rotation[j, k] * total / m
+        height += frame[j] * center
+    return bool(height > 0.0)
+
+
+@kernel
+def _misfit(error: FloatArray, used: BoolArray) -> float:
+    """Return the largest of the used length errors."""
+    largest = 0.0
+    for i in range(error.shape[0]):
+        if used[i]:
+            largest = max(largest, abs(error[i]))
+    return largest
+
+
+@kernel
+def _search(
+    geometry: FloatArray,
+    frame: FloatArray,
+    starts: FloatArray,
+    center: FloatArray,
+    target: FloatArray,
+    used: BoolArray,
+    max_iterations: int,
+    position: FloatArray,
+    rotation: FloatArray,
+    error: FloatArray,
+    jacobian: FloatArray,
+) -> tuple[int, int, float]:
+    """Find the pose without a guess: the best fit below the frame from several orientations (s, 3, 3).
+
+    For each, the position alone is found first, from `center`, which is a well-behaved problem; then the
+    pose.
+    """
+    m = geometry.shape[0]
+    p, Q, e, J = np.empty(3), np.empty((3, 3)), np.empty(m), np.empty((m, 6))
+    best_status, best_cost, total = ITERATION_LIMIT, math.inf, 0
+    fill_vector(error, math.nan)
+    fill_matrix(jacobian, math.nan)
+    assign_vector(position, center)
+    assign_matrix(rotation, starts[0])
+    _evaluate(geometry, target, used, position, rotation, error, jacobian)
+    for s in range(starts.shape[0]):
+        assign_vector(p, center)
+        assign_matrix(Q, starts[s])
+        status, cost = CONVERGED, math.inf
+        for stage in range(2):
+            unknowns, limit = (3, _POSITION_ITERATIONS) if stage == 0 else (6, max_iterations)
+            status, iterations, cost = _iterate(geometry, target, used, unknowns, limit, p, Q, e, J)
+            total += iterations
+            if status == BEYOND_PULLEY:
+                break
+            if stage == 0 and _above(geometry, frame, p, Q):
+                # mirrored: the same distance below the plane
+                height = frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2] - frame[3]
+                for j in range(3):
+                    p[j] -= 2.0 * height * frame[j]
+        if status == BEYOND_PULLEY or _above(geometry, frame, p, Q):
+            continue
+        # a later start must be clearly better: the first is the orientation at home
+        if cost < 0.5 * best_cost:
+            best_status, best_cost = status, cost
+            assign_vector(position, p)
+            assign_matrix(rotation, Q)
+            assign_vector(error, e)
+            assign_matrix(jacobian, J)
+        if best_status == CONVERGED and 2.0 * best_cost <= m * _EXACT_FIT * _EXACT_FIT:
+            break
+    if best_cost == math.inf:
+        best_status = ABOVE_FRAME
+    return best_status, total, best_cost
+
+
+@kernel
+def _find_slack(
+    geometry: FloatArray,
+    target: FloatArray,
+    deviation: FloatArray,
+    max_residual: float,
+    max_misfit: FloatArray,
+    max_iterations: int,
+    position: FloatArray,
+    rotation: FloatArray,
+    home: FloatArray,
+    slack: FloatArray,
+) -> bool:
+    """Look for cables without which the others fit; fill in by how much they are slack.
+
+    One cable after the other is left out, the one first without which the rest fits best; at least seven are
+    left, because six fit any lengths. Only a cable that is longer than its path can be slack.
+    """
+    m = geometry.shape[0]
+    used = np.ones(m, dtype=np.bool_)
+    p, Q, e, J = np.empty(3), np.empty((3, 3)), np.empty(m), np.empty((m, 6))
+    best_error = np.empty(m)
+    fill_vector(slack, 0.0)
+    left = m
+    while left > 7:
+        best, best_cost = -1, math.inf
+        for k in range(m):
+            if not used[k]:
+                continue
+            used[k] = False
+            for start in range(2):
+                if start == 0:
+                    assign_vector(p, position)
+                    assign_matrix(Q, rotation)
+                else:
+                    for j in range(3):
+                        p[j] = home[j]
+                        for i in range(3):
+                            Q[j, i] = home[3 + 3 * j + i]
+                status, _, cost = _iterate(geometry, target, used, J.shape[1], max_iterations, p, Q, e, J)
+                if status == CONVERGED and cost < best_cost and e[k] < 0.0:
+                    best, best_cost = k, cost
+                    assign_vector(best_error, e)
+            used[k] = True
+        if best < 0:
+            return False
+        used[best] = False
+        left -= 1
+        if _fits(best_error, used, deviation, max_residual, float(max_misfit[left])):
+            longest = True
+            for k in range(m):
+                if not used[k]:
+                    slack[k] = -best_error[k]
+                    longest = longest and slack[k] > 0.0
+            if not longest:
+                fill_vector(slack, 0.0)
+            return longest
+    return False
+
+
+@kernel
+def _fits(
+    error: FloatArray, used: BoolArray, deviation: FloatArray, max_residual: float, max_misfit: float
+) -> bool:
+    """Whether no error exceeds its limit, nor their weighted square sum its own, which may be infinite."""
+    if _misfit(error, used) > max_residual:
+        return False
+    if max_misfit == math.inf:
+        return True
+    total = 0.0
+    for i in range(error.shape[0]):
+        if used[i]:
+            total += (error[i] / deviation[i]) ** 2
+    return total <= max_misfit
+
+
+@kernel
+def forward_at_poses(
+    geometry: FloatArray,
+    frame: FloatArray,
+    starts: FloatArray,
+    center: FloatArray,
+    home: FloatArray,
+    targets: FloatArray,
+    guided: bool,
+    guess_positions: FloatArray,
+    guess_rotations: FloatArray,
+    deviation: FloatArray,
+    max_residual: float,
+    max_misfit: FloatArray,
+    max_iterations: int,
+    positions: FloatArray,
+    rotations: FloatArray,
+    errors: FloatArray,
+    jacobians: FloatArray,
+    statuses: IntArray,
+    converged: BoolArray,
+    slacks: FloatArray,
+) -> tuple[int, int]:
+    """Solve n problems; `guided` tells whether from guesses (n or 1 of them) or by search.
+
+    Returns the number of failures and the largest number of iterations; a negative number of failures if a
+    length is not positive.
+    """
+    failures, most_iterations = 0, 0
+    m = geometry.shape[0]
+    used = np.ones(m, dtype=np.bool_)
+    Q = np.empty((3, 3))
+    for n in range(targets.shape[0]):
+        for i in range(m):
+            if not targets[n, i] > 0.0:
+                return -targets.shape[0], 0
+    for n in range(targets.shape[0]):
+        p = positions[n]
+        if guided:
+            g = n if guess_positions.shape[0] > 1 else 0
+            assign_vector(p, guess_positions[g])
+            assign_matrix(Q, guess_rotations[g])
+            started_above = _above(geometry, frame, p, Q)
+            status, count, _ = _iterate(
+                geometry, targets[n], used, jacobians.shape[2], max_iterations, p, Q, errors[n], jacobians[n]
+            )
+            if status == CONVERGED and not started_above and _above(geometry, frame, p, Q):
+                status = ABOVE_FRAME
+        else:
+            status, count, _ = _search(
+                geometry,
+                frame,
+                starts,
+                center,
+                targets[n],
+                used,
+                max_iterations,
+                p,
+                Q,
+                errors[n],
+                jacobians[n],
+            )
+        fill_vector(slacks[n], 0.0)
+        if status == BEYOND_PULLEY:
+            fill_vector(errors[n], math.nan)
+            fill_matrix(jacobians[n], math.nan)
+        elif not _fits(errors[n], used, deviation, max_residual, float(max_misfit[m])):
+            if status == CONVERGED:
+                status = NO_POSE_FITS
+            if _find_slack(
+                geometry,
+                targets[n],
+                deviation,
+                max_residual,
+                max_misfit,
+                max_iterations,
+                p,
+                Q,
+                home,
+                slacks[n],
+            ):
+                status = SLACK_CABLE
+        orthonormalise(Q, rotations[n])
+        statuses[n] = status
+        converged[n] = status == CONVERGED
+        if status != CONVERGED:
+            failures += 1
+        most_iterations = max(most_iterations, count)
+    return failures, most_iterations
