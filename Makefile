@@ -46,9 +46,10 @@ bench: $(READY)
 	$(VENV)/bin/python -m benchmarks $(ARGS)
 
 build: $(READY)
-	@echo "== colcon build"
+	@echo "== colcon build into install/, then every executable is started and stopped"
 	PATH="$(abspath $(VENV))/bin:$$PATH" $(VENV)/bin/colcon --log-base build/log build --base-paths src \
 		--build-base build/colcon --install-base install $(ARGS)
+	$(VENV)/bin/python -m pytest -q tests/workspace
 
 clean:
 	rm -rf build install log $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -66,7 +66,7 @@ def test_drives_are_configured_and_started(rig, far_end, wait_until):
     assert drive.read(0x1017) == 30
     assert drive.read(0x1400, 1) == 0x203
     assert drive.read(0x1400, 2) == 255
-    assert drive.read(0x1400, 5) == 100
+    assert drive.read(0x1400, 5) == 200
     assert [drive.read(0x1600, n) for n in (0, 1, 2)] == [2, 0x6040_0010, 0x6071_0010]
     assert drive.read(0x1800, 1) == 0x183
     assert drive.read(0x1800, 2) == 1

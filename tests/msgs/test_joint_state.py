@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import FIELDS, JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
+from cspr_msgs_py.joint_state_conversion import decode_joint, decode_joint_state
 from cspr_msgs_py.topics import motor_names
 
 STAMP = 1_700_000_000_123_456_789
@@ -193,3 +193,25 @@ class TestLayoutOfAMessage:
         columns = np.frombuffer(data, codec.dtype)
         np.testing.assert_array_equal(columns["position"][:, 3], np.arange(10))
         np.testing.assert_array_equal(columns["nanoseconds"], np.arange(10))
+
+
+@pytest.mark.parametrize("index", [0, 3, 7])
+def test_one_joint_is_that_of_the_whole_message(index: int) -> None:
+    codec = JointStateCodec(motor_names(8))
+    fields = {field: np.random.default_rng(index).normal(size=8) for field in FIELDS}
+    buffer = codec.encode(STAMP, **fields)
+    expected = (STAMP, *(fields[field][index] for field in FIELDS))
+    assert codec.decode_joint(buffer, index) == expected
+    assert decode_joint(codec, buffer, index) == expected
+    # another publisher's layout is found by name
+    foreign = message(motor_names(8)[::-1], "elsewhere", **{field: fields[field][::-1] for field in FIELDS})
+    assert codec.decode_joint(serialize_message(foreign), index) is None
+    assert decode_joint(codec, serialize_message(foreign), index) == expected
+
+
+def test_one_joint_of_a_message_cut_short_is_refused() -> None:
+    codec = JointStateCodec(motor_names(8))
+    buffer = codec.encode(STAMP, *np.zeros((3, 8)))
+    assert codec.decode_joint(buffer[:-4], 0) is None
+    with pytest.raises(MessageError):
+        decode_joint(codec, buffer[:-4], 0)

@@ -11,15 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspr_control.errors import PayloadError, SettingError
 from cspr_control.reference import ReferencePoint
-from cspr_kinematics import (
-    Payload,
-    Robot,
-    TensionResult,
-    distribute_tensions,
-    inverse_kinematics,
-    required_wrench,
-    static_wrench,
-)
+from cspr_kinematics import Acceleration, Payload, Robot, Twist, feedforward_tensions
+
+_AT_REST = Twist.zero()
+_UNACCELERATED = Acceleration.zero()
 
 
 class FeedforwardModel(Enum):
@@ -232,39 +227,29 @@ class Feedforward:
         """
         robot, model = self._robot, self._settings.model
         payload, status = self.payload_in_use(time)
-        cables = inverse_kinematics(robot, reference.pose)
+        moving = model is FeedforwardModel.DYNAMIC
+        asked = feedforward_tensions(
+            robot,
+            reference.pose,
+            reference.twist if moving else _AT_REST,
+            reference.acceleration if moving else _UNACCELERATED,
+            payload,
+        )
         twist = np.concatenate((reference.twist.linear, reference.twist.angular))
-        feasible, residual = True, 0.0
-        tensions = np.zeros(robot.number_of_cables)
-        if model is not FeedforwardModel.NONE:
-            if model is FeedforwardModel.STATIC:
-                wrench = static_wrench(robot, reference.pose, payload)
-            else:
-                wrench = required_wrench(
-                    robot, reference.pose, reference.twist, reference.acceleration, payload
-                )
-            distribution = self._distribute(cables.wrench_matrix, wrench)
-            tensions = distribution.tensions
-            feasible, residual = bool(distribution.feasible), float(distribution.residual)
-        effort = self._bridged(time, robot.winch.motor_torque(tensions), status)
+        length_rates = -(twist @ asked.wrench_matrix)
+        modelled = model is not FeedforwardModel.NONE
+        tensions = asked.tensions if modelled else np.zeros(robot.number_of_cables)
+        winch = robot.winch
         return Setpoint(
-            robot.winch.motor_angle(cables.lengths),
-            robot.winch.motor_speed(cables.jacobian @ twist),
-            effort,
+            winch.motor_angle(asked.lengths),
+            winch.motor_speed(length_rates),
+            self._bridged(time, winch.motor_torque(tensions), status),
             tensions,
-            feasible,
-            residual,
+            bool(asked.feasible) or not modelled,
+            float(asked.residual) if modelled else 0.0,
             payload,
             status,
         )
-
-    def _distribute(self, wrench_matrix: NDArray[np.float64], wrench: NDArray[np.float64]) -> TensionResult:
-        limits = self._robot.tension_min, self._robot.tension_max
-        result = distribute_tensions(wrench_matrix, wrench, *limits, method="minimum_norm")
-        if result.feasible:
-            return result
-        # Another solution than that of minimum norm may still lie within the limits and be exact.
-        return distribute_tensions(wrench_matrix, wrench, *limits, method="closest")
 
     def _bridged(
         self, time: float, effort: NDArray[np.float64], status: PayloadStatus

@@ -92,8 +92,9 @@ def _cycle_statistics(
     try:
         return CycleStatistics(
             rate_hz=float((stamps.size - 1) / ((stamps[-1] - stamps[0]) * 1e-9)),
-            cycles=int(driver["cycles"]),
-            missed_cycles=int(driver["missed_cycles"]),
+            # a SYNC that was left out is a cycle that was missed as well
+            cycles=int(driver["cycles"]) + int(driver["skipped_sync"]),
+            missed_cycles=int(driver["missed_cycles"]) + int(driver["skipped_sync"]),
             latency_p50_us=float(driver["command_latency_p50_us"]),
             latency_p99_us=float(driver["command_latency_p99_us"]),
             latency_max_us=float(driver["command_latency_max_us"]),

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from cspr_msgs_py.cdr import NANOSECONDS, Bytes
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.joint_state import FIELDS, JointStateCodec, JointStateSample
+from cspr_msgs_py.joint_state import FIELDS, JointSample, JointStateCodec, JointStateSample
 
 
 def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSample:
@@ -50,6 +50,26 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
         fields[field].flags.writeable = False
     stamp = message.header.stamp
     return JointStateSample(stamp.sec * NANOSECONDS + stamp.nanosec, **fields)
+
+
+def decode_joint(codec: JointStateCodec, buffer: Bytes, index: int) -> JointSample:
+    """Decode one joint, by its index in `codec`, of a JointState of any layout.
+
+    Raises
+    ------
+    MessageError
+        As `decode_joint_state`.
+    """
+    joint = codec.decode_joint(buffer, index)
+    if joint is not None:
+        return joint
+    sample = decode_joint_state(codec, buffer)
+    return JointSample(
+        sample.stamp_ns,
+        float(sample.position[index]),
+        float(sample.velocity[index]),
+        float(sample.effort[index]),
+    )
 
 
 def _empty() -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
-from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -423,18 +423,25 @@ def _client() -> Iterator[_Client]:
     """Spin the demo's node in the background."""
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     node = _Client()
+    stopping = rclpy.task.Future()
 
     def spin() -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            rclpy.spin(node)
+        executor = EventsExecutor()
+        executor.add_node(node)
+        while not stopping.done():
+            executor.spin_until_future_complete(stopping, timeout_sec=1.0)
+        executor.remove_node(node)
+        executor.shutdown()
 
     thread = threading.Thread(target=spin, name="demo", daemon=True)
     thread.start()
     try:
         yield node
     finally:
-        rclpy.try_shutdown()
+        stopping.set_result(None)
         thread.join(timeout=5.0)
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 class _Progress:

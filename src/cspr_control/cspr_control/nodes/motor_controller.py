@@ -18,7 +18,7 @@ from cspr_kinematics import Robot
 from cspr_msgs_py.conversions import Level, diagnostic_status
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
+from cspr_msgs_py.joint_state_conversion import decode_joint
 from cspr_msgs_py.nodes.process import LEAN_NODE, Diagnostics, advertise, declare, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, motor_command, motor_names
 
@@ -80,33 +80,23 @@ class MotorControllerNode(Node):
 
     def _on_setpoint(self, message: bytes) -> None:
         now = time.monotonic()
-        index = self._index
         try:
-            setpoint = decode_joint_state(self._codec, message)
+            setpoint = decode_joint(self._codec, message, self._index)
         except MessageError:
             self._unreadable += 1
             return
-        self._controller.set_setpoint(
-            now,
-            setpoint.stamp_ns,
-            float(setpoint.position[index]),
-            float(setpoint.velocity[index]),
-            float(setpoint.effort[index]),
-        )
+        self._controller.set_setpoint(now, *setpoint)
 
     def _on_states(self, message: bytes) -> None:
         now = time.monotonic()
-        index = self._index
         try:
-            states = decode_joint_state(self._codec, message)
+            state = decode_joint(self._codec, message, self._index)
         except MessageError:
             self._unreadable += 1
             return
-        torque = self._controller.command(
-            now, states.stamp_ns, float(states.position[index]), float(states.velocity[index])
-        )
+        torque = self._controller.command(now, state.stamp_ns, state.position, state.velocity)
         if torque is not None:
-            self._publisher.publish(self._command_codec.encode(states.stamp_ns, effort=(torque,)))
+            self._publisher.publish(self._command_codec.encode(state.stamp_ns, effort=(torque,)))
 
     def _status(self) -> list[DiagnosticStatus]:
         controller = self._controller
