@@ -166,8 +166,7 @@ class RobotEmulator:
     @property
     def payload(self) -> Payload:
         """What the platform carries now."""
-        with self.machine.lock:
-            return self.machine.plant.payload
+        return self.machine.plant.payload
 
     def change_payload(self, payload: Payload, at: float | None = None) -> None:
         """Let the platform carry another payload.
@@ -184,9 +183,9 @@ class RobotEmulator:
             self.machine.change_payload(payload, time)
 
     def slack_cables(self) -> tuple[int, ...]:
-        """Return the numbers, from 0, of the cables without tension."""
-        with self.machine.lock:
-            tensions = self.machine.measure().tensions
+        """Return the numbers, from 0, of the cables that had no tension when the devices last measured."""
+        # Without the lock: who asks is not to wait for the plant, and a measurement never changes.
+        tensions = self.machine.newest_measurement.tensions
         return tuple(index for index, tension in enumerate(tensions) if tension <= 0.0)
 
     def _on_sync(
@@ -221,6 +220,7 @@ class RobotEmulator:
                 try:
                     if now - self._last_tick >= _TICK:
                         machine.advance(now - _PLANT_LAG)
+                        machine.measure()
                         self._tick(now, supervise=not late)
                 except DriverError:
                     return  # the plant failed, and `failure` says why

@@ -118,6 +118,8 @@ class SharedPlant:
         Serialises all access to the plant and to the devices around it.
     failure
         The error that ended the simulation, `None` while it runs.
+    newest_measurement
+        What was sensed last; may be read without the lock.
     """
 
     def __init__(
@@ -136,7 +138,8 @@ class SharedPlant:
         self._system_start = system_clock()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
         self._time = plant.time
-        self._measurement: Measurement | None = None
+        self._measured = False
+        self.newest_measurement = self.measure()
 
     @property
     def time(self) -> float:
@@ -191,19 +194,20 @@ class SharedPlant:
             self.failure = error
             raise
         self._time = time
-        self._measurement = None
+        self._measured = False
 
     def measure(self) -> Measurement:
         """Return what can be sensed at `time`."""
-        if self._measurement is None:
+        if not self._measured:
             plant = self.plant
-            self._measurement = Measurement(
+            self.newest_measurement = Measurement(
                 plant.motor_angles().tolist(),
                 plant.motor_speeds().tolist(),
                 plant.motor_torques().tolist(),
                 plant.tensions().tolist(),
             )
-        return self._measurement
+            self._measured = True
+        return self.newest_measurement
 
     def change_payload(self, payload: Payload, time: float) -> None:
         """Let a payload replace the present one at a plant time, s; a time in the past means at once."""
