@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from .arrays import FloatArray
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_Array = TypeVar("_Array", bound=NDArray[Any])
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 _KERNELS = Path(__file__).with_name("kernels")
 _IMPORT = re.compile(r"^from \.(\w+) import", re.MULTILINE)
 
@@ -54,9 +54,9 @@ def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
     return view
 
 
-def in_batch(array: _Array, batch: tuple[int, ...]) -> _Array:
+def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar]:
     """Return a result (n, ...) of a kernel with the batch axes `batch` in place of n, read-only."""
-    result = array.reshape(batch + array.shape[1:]) if batch else array[0]
+    result: NDArray[_Scalar] = array.reshape(batch + array.shape[1:]) if batch else array[0]
     result.setflags(write=False)
     return result
 
