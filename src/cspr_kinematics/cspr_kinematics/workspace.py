@@ -171,7 +171,7 @@ class Workspace:
             values = _in_cells(corners[tuple(cells[part].T)], (np.arange(_SUBDIVISION) + 0.5) / _SUBDIVISION)
             inside[part] = (values >= 0.0).mean(axis=(1, 2, 3))
         shares[tuple(cells.T)] = inside
-        return shares
+        return np.asarray(shares)
 
     @cached_property
     def _border(self) -> FloatArray:
