@@ -128,8 +128,9 @@ def test_batches_without_a_guess_and_on_threads_equal_loops(
 ) -> None:
     lengths = cable_lengths(robot_with_pulleys, random_pose(3, 5))
     found = forward_kinematics(robot_with_pulleys, lengths)
-    threaded = solve_forward_kinematics(robot_with_pulleys, lengths, robot_with_pulleys.home, threads=2)
-    plain = solve_forward_kinematics(robot_with_pulleys, lengths, robot_with_pulleys.home)
+    many = cable_lengths(robot_with_pulleys, random_pose(450))
+    threaded = solve_forward_kinematics(robot_with_pulleys, many, robot_with_pulleys.home, threads=2)
+    plain = solve_forward_kinematics(robot_with_pulleys, many, robot_with_pulleys.home)
     np.testing.assert_array_equal(threaded.pose.position, plain.pose.position)
     np.testing.assert_array_equal(threaded.status, plain.status)
     for index in np.ndindex(3, 5):

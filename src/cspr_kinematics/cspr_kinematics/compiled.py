@@ -61,13 +61,14 @@ def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar
     return result
 
 
-def in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Run `work(first, after_last)` over range(count), in equal parts on several threads.
+def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least: int = 1) -> None:
+    """Run `work(first, after_last)` over range(count), in equal parts of at least `least` on several threads.
 
     Kernels hold no interpreter lock, so that threads scale to as many cores. Plain threads, because those of
     OpenMP do not survive a fork and numba's own must not be entered twice at a time.
     """
-    if threads <= 1 or count < 2 * threads:
+    threads = min(threads, count // least)
+    if threads <= 1:
         work(0, count)
         return
     bounds = np.linspace(0, count, threads + 1).astype(int).tolist()

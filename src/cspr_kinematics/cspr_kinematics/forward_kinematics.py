@@ -41,6 +41,8 @@ _FLATNESS = 0.1
 _TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4, 3.14)
 _TILTS = (0.0, 0.6, -0.6)
 _SINGULAR = 1e-10
+# Below this many problems a thread costs more than it saves.
+_LEAST_PER_THREAD = 200
 
 
 class ForwardKinematicsStatus(IntEnum):
@@ -244,11 +246,11 @@ def _solve(
         done.append(kernels.forward_at_poses(*arguments))
 
     done: list[tuple[int, int]] = []
-    if threads == 1:
+    if threads == 1 or n < 2 * _LEAST_PER_THREAD:
         everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
         done = [kernels.forward_at_poses(*everything)]
     else:
-        in_chunks(solve, n, threads)
+        in_chunks(solve, n, threads, _LEAST_PER_THREAD)
     failures = sum(failed for failed, _ in done)
     if failures < 0:
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
