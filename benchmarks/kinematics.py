@@ -2,78 +2,158 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
-from benchmarks.closed_loop import CONFIG
+from benchmarks import plain_numpy
+from benchmarks.timing import microseconds, print_table
 from cspr_kinematics import (
     Acceleration,
+    Payload,
     Pose,
     Robot,
     Twist,
     distribute_tensions,
+    feedforward_tensions,
     forward_kinematics,
     inverse_kinematics,
     required_wrench,
+    solve_forward_kinematics,
 )
+from cspr_kinematics.dynamics import total_parameters
+from cspr_kinematics.kernels.feedforward_kernels import feedforward_at_poses
 
-BATCH = 10_000
+CONFIG = Path(__file__).parents[1] / "config"
+BATCH = 100_000
+PAYLOAD = Payload(100.0, [0.0, 0.0, 0.1])
+
+# What is aimed at on two cores of a 2024 server, us or, for batches, us a pose.
+_CHAIN = "cables, wrench and bounded tensions in one call"
+_KERNEL = "the same, inside the kernel"
+_BATCH_CHAIN = f"chain, batch of {BATCH}, one thread"
+_WARM = "forward kinematics, from 1 cm away"
+AIMS = {_CHAIN: 25.0, _KERNEL: 5.0, _BATCH_CHAIN: 4.0, _WARM: 25.0}
+
+Motion = tuple[Pose, Twist, Acceleration]
 
 
-def microseconds(function: Callable[[], object], repetitions: int) -> float:
-    """Best mean time of three series, us."""
+def draw(robot: Robot, random: np.random.Generator, *shape: int) -> Motion:
+    """Lively motions around the home pose."""
+    position = robot.home.position + random.uniform(-0.3, 0.3, (*shape, 3))
+    angles = random.uniform(-0.1, 0.1, (3, *shape))
+    return (
+        Pose.from_euler(position, *angles),
+        Twist(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
+        Acceleration(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
+    )
+
+
+def in_the_kernel(robot: Robot, batch: Motion) -> float:
+    """Time of the fused kernel a pose without anything around it, us."""
+    n, m = len(batch[0].position), robot.number_of_cables
+
+    def full(value: float) -> Any:
+        array = np.full(m, value)
+        array.setflags(write=False)
+        return array
+
+    external, weights = np.zeros((1, 6)), np.ones(6)
+    external.setflags(write=False)
+    weights.setflags(write=False)
+    arguments: list[Any] = [
+        robot.path_geometry,
+        total_parameters(robot, PAYLOAD),
+        batch[0].position,
+        batch[0].rotation,
+        batch[1].linear,
+        batch[1].angular,
+        batch[2].linear,
+        batch[2].angular,
+        external,
+        full(robot.tension_min),
+        full(robot.tension_max),
+        full(0.0),
+        weights,
+        *(np.empty((n, m)), np.empty((n, m)), np.empty((n, 6, m)), np.empty((n, 6)), np.empty((n, m))),
+        *(np.empty(n, dtype=np.bool_), np.empty(n), np.empty(n, dtype=np.int64)),
+    ]
+    return microseconds(lambda: feedforward_at_poses(*arguments), 100) / n
+
+
+def seconds(function: Any) -> float:
+    """Best of three times, s."""
     times = []
     for _ in range(3):
         start = perf_counter()
-        for _ in range(repetitions):
-            function()
-        times.append((perf_counter() - start) / repetitions)
-    return min(times) * 1e6
+        function()
+        times.append(perf_counter() - start)
+    return min(times)
+
+
+def compare(robot: Robot, title: str, with_numpy: bool) -> None:
+    """Print the table for one robot."""
+    random = np.random.default_rng(0)
+    single, batch = draw(robot, random), draw(robot, random, BATCH)
+    lengths = inverse_kinematics(robot, single[0]).lengths
+    batch_lengths = inverse_kinematics(robot, batch[0]).lengths
+    limits = robot.tension_min, robot.tension_max
+    guess = Pose(single[0].position + 0.01 / np.sqrt(3.0), single[0].rotation)
+    near = Pose(batch[0].position + 0.01 / np.sqrt(3.0), batch[0].rotation)
+    A, w = inverse_kinematics(robot, single[0]).wrench_matrix, required_wrench(robot, *single, PAYLOAD)
+
+    def separate() -> None:
+        matrix = inverse_kinematics(robot, single[0]).wrench_matrix
+        needed = required_wrench(robot, *single, PAYLOAD)
+        distribute_tensions(matrix, needed, *limits, method="closest")
+
+    def in_numpy() -> None:
+        _, matrix = plain_numpy.wrench_matrix(robot, single[0])
+        plain_numpy.bounded(matrix, plain_numpy.wrench(robot, *single, PAYLOAD), *limits)
+
+    def batch_in_numpy() -> None:
+        _, matrix = plain_numpy.wrench_matrix(robot, batch[0])
+        plain_numpy.minimum_norm(matrix, plain_numpy.wrench(robot, *batch, PAYLOAD))
+
+    chain = microseconds(lambda: feedforward_tensions(robot, *single, PAYLOAD), 1000)
+    rows = [
+        (_CHAIN, chain),
+        (_KERNEL, in_the_kernel(robot, draw(robot, random, 1000))),
+        ("the same as three calls", microseconds(separate, 1000)),
+        (
+            "  inverse kinematics, wrench matrix",
+            microseconds(lambda: inverse_kinematics(robot, single[0]), 1000),
+        ),
+        ("  required wrench", microseconds(lambda: required_wrench(robot, *single, PAYLOAD), 1000)),
+        (
+            "  bounded tensions (closest)",
+            microseconds(lambda: distribute_tensions(A, w, *limits, method="closest"), 1000),
+        ),
+        ("constructing a pose", microseconds(lambda: Pose(single[0].position, single[0].rotation), 1000)),
+        (_WARM, microseconds(lambda: forward_kinematics(robot, lengths, guess), 1000)),
+        ("forward kinematics without a guess", microseconds(lambda: forward_kinematics(robot, lengths), 400)),
+    ]
+    per_pose = 1e6 / BATCH
+    cores = os.cpu_count() or 1
+    rows.append((_BATCH_CHAIN, per_pose * seconds(lambda: feedforward_tensions(robot, *batch, PAYLOAD))))
+    if cores > 1:
+        two = per_pose * seconds(lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2))
+        rows.append((f"chain, batch of {BATCH}, two threads", two))
+    warm = per_pose * seconds(lambda: solve_forward_kinematics(robot, batch_lengths, near))
+    rows.append((f"forward kinematics, from 1 cm away, batch of {BATCH}", warm))
+    if with_numpy:
+        rows.append(("plain numpy: chain, one pose", microseconds(in_numpy, 400)))
+        rows.append(
+            (f"plain numpy: chain of minimum norm, batch of {BATCH}", per_pose * seconds(batch_in_numpy))
+        )
+    factor = 1.0 if with_numpy else 2.0
+    print_table(title, rows, chain, {name: factor * aim for name, aim in AIMS.items()})
 
 
 def main() -> None:
-    """Print the table."""
-    robot = Robot.from_yaml(CONFIG / "robot.yaml")
-    random = np.random.default_rng(0)
-
-    def motion(*shape: int) -> tuple[Pose, Twist, Acceleration]:
-        position = robot.home.position + random.uniform(-0.3, 0.3, (*shape, 3))
-        angles = random.uniform(-0.1, 0.1, (3, *shape))
-        return (
-            Pose.from_euler(position, *angles),
-            Twist(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
-            Acceleration(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
-        )
-
-    single, batch = motion(), motion(BATCH)
-    lengths = inverse_kinematics(robot, single[0]).lengths
-    limits = robot.tension_min, robot.tension_max
-
-    def feedforward(case: tuple[Pose, Twist, Acceleration]) -> None:
-        cables = inverse_kinematics(robot, case[0])
-        distribute_tensions(cables.wrench_matrix, required_wrench(robot, *case), *limits)
-
-    base = microseconds(lambda: inverse_kinematics(robot, single[0]), 2000)
-    rows = [
-        ("inverse kinematics, wrench matrix", base),
-        ("required wrench", microseconds(lambda: required_wrench(robot, *single), 2000)),
-        ("whole feed-forward: with minimum-norm tensions", microseconds(lambda: feedforward(single), 1000)),
-        (
-            f"whole feed-forward in a batch of {BATCH}, per pose",
-            microseconds(lambda: feedforward(batch), 3) / BATCH,
-        ),
-        (
-            "forward kinematics from a guess 1 cm away",
-            microseconds(
-                lambda: forward_kinematics(
-                    robot, lengths, Pose(single[0].position + 0.01, single[0].rotation)
-                ),
-                300,
-            ),
-        ),
-    ]
-    print(f"{'':50}{'us':>10}{'ratio':>10}")
-    for name, time in rows:
-        print(f"{name:50}{time:>10.2f}{time / base:>10.2f}")
+    """Print the tables."""
+    compare(Robot.from_yaml(CONFIG / "robot.yaml"), "fixed exit points, 8 cables", with_numpy=True)
+    compare(Robot.from_yaml(CONFIG / "robot_pulleys.yaml"), "pulleys, 8 cables", with_numpy=False)

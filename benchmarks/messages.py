@@ -6,7 +6,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from benchmarks.kinematics import microseconds
+from benchmarks.timing import microseconds
 from cspr_msgs_py.conversions import time_message
 from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.topics import motor_names

@@ -13,8 +13,8 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "scipy", "pyyaml"],
-    zip_safe=True,
+    install_requires=["setuptools", "numpy", "scipy", "numba", "pyyaml"],
+    zip_safe=False,  # compiled kernels are kept beside their sources
     maintainer="CSPR developers",
     maintainer_email="developers@example.org",
     description="Geometry, statics and dynamics of cable-suspended parallel robots",

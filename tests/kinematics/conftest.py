@@ -1,4 +1,4 @@
-"""The shipped robot, CoGiRo, and random motions for the kinematics tests."""
+"""The shipped robots, CoGiRo, two made for the tests, and random motions."""
 
 from __future__ import annotations
 
@@ -28,6 +28,27 @@ def robot() -> Robot:
 @pytest.fixture(scope="session")
 def cogiro() -> Robot:
     return Robot.from_yaml(COGIRO_FILE)
+
+
+@pytest.fixture(scope="session")
+def robot_with_pulleys() -> Robot:
+    return Robot.from_yaml(ROBOT_FILE.with_name("robot_pulleys.yaml"))
+
+
+@pytest.fixture(scope="session")
+def six_cables() -> Robot:
+    return Robot.from_yaml(Path(__file__).with_name("six_cables.yaml"))
+
+
+@pytest.fixture(scope="session")
+def twelve_cables() -> Robot:
+    return Robot.from_yaml(Path(__file__).with_name("twelve_cables.yaml"))
+
+
+@pytest.fixture(params=["robot", "robot_with_pulleys", "cogiro", "six_cables", "twelve_cables"])
+def any_robot(request: pytest.FixtureRequest) -> Robot:
+    robot: Robot = request.getfixturevalue(request.param)
+    return robot
 
 
 @pytest.fixture

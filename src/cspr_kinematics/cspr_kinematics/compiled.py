@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from .arrays import FloatArray
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_Array = TypeVar("_Array", bound=NDArray[Any])
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 _KERNELS = Path(__file__).with_name("kernels")
 _IMPORT = re.compile(r"^from \.(\w+) import", re.MULTILINE)
 
@@ -54,20 +54,21 @@ def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
     return view
 
 
-def in_batch(array: _Array, batch: tuple[int, ...]) -> _Array:
+def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar]:
     """Return a result (n, ...) of a kernel with the batch axes `batch` in place of n, read-only."""
-    result = array.reshape(batch + array.shape[1:]) if batch else array[0]
+    result: NDArray[_Scalar] = array.reshape(batch + array.shape[1:]) if batch else array[0]
     result.setflags(write=False)
     return result
 
 
-def in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Run `work(first, after_last)` over range(count), in equal parts on several threads.
+def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least: int = 1) -> None:
+    """Run `work(first, after_last)` over range(count), in equal parts of at least `least` on several threads.
 
     Kernels hold no interpreter lock, so that threads scale to as many cores. Plain threads, because those of
     OpenMP do not survive a fork and numba's own must not be entered twice at a time.
     """
-    if threads <= 1 or count < 2 * threads:
+    threads = min(threads, count // least)
+    if threads <= 1:
         work(0, count)
         return
     bounds = np.linspace(0, count, threads + 1).astype(int).tolist()

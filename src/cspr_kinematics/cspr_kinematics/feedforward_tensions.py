@@ -20,6 +20,8 @@ from .pose import Acceleration, Pose, Twist
 from .rigid_body import Payload
 from .robot import Robot
 
+# Below this many states a thread costs more than it saves.
+_LEAST_PER_THREAD = 500
 _NO_WRENCH = frozen(np.zeros((1, 6)))
 _EQUAL_WEIGHTS = frozen(np.ones(6))
 
@@ -132,11 +134,11 @@ def feedforward_tensions(
         faults.append((fault, cable, first + member))
 
     faults: list[tuple[int, int, int]] = []
-    if threads == 1:
+    if threads == 1 or n < 2 * _LEAST_PER_THREAD:
         everything: list[Any] = [*model, *motion, external, *constants, *outputs]
         faults = [feedforward_at_poses(*everything)]
     else:
-        in_chunks(work, n, threads)
+        in_chunks(work, n, threads, _LEAST_PER_THREAD)
     for fault, cable, member in faults:
         if fault == SINGULAR_MATRIX:
             raise _singular(wrench_matrix[member], member, batch)

@@ -41,6 +41,8 @@ _FLATNESS = 0.1
 _TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4, 3.14)
 _TILTS = (0.0, 0.6, -0.6)
 _SINGULAR = 1e-10
+# Below this many problems a thread costs more than it saves.
+_LEAST_PER_THREAD = 200
 
 
 class ForwardKinematicsStatus(IntEnum):
@@ -155,8 +157,8 @@ def solve_forward_kinematics(
     robot, lengths, guess, max_residual, max_iterations
         As in `forward_kinematics`.
     length_deviation : float or array_like, shape (m,), optional
-        Standard deviation of the length errors, m. With it the solution has a covariance, and lengths whose
-        errors are larger than it explains are reported even below `max_residual`.
+        Standard deviation of the length errors, m. With it the squares are weighted, the solution has a
+        covariance, and errors larger than it explains are reported even below `max_residual`.
     threads : int
         Over which a batch is divided.
 
@@ -173,8 +175,7 @@ def solve_forward_kinematics(
 def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> FloatArray:
     """Return the covariance of a pose found from uncertain lengths, shape (..., 6, 6).
 
-    Of position and rotation vector in base axes, (m, rad), by the linearised least squares of
-    `forward_kinematics`.
+    Of position and rotation vector in base axes, (m, rad), for least squares weighted with the deviations.
 
     Parameters
     ----------
@@ -222,9 +223,10 @@ def _solve(
         if batch != target.shape[:-1]:
             target = np.broadcast_to(target, (*batch, m))
     n = math.prod(batch)
-    deviation, largest_misfit = search.unit_deviation, search.no_misfit
+    weights, deviation, largest_misfit = search.ones, search.ones, search.no_misfit
     if length_deviation is not None:
         deviation, largest_misfit = _deviations(length_deviation, m), _largest_misfit(m)
+        weights = frozen((deviation.min() / deviation) ** 2)
 
     targets = kernel_input(target, n, m)
     count = guess_position.size // 3
@@ -234,7 +236,7 @@ def _solve(
     status, converged = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     guided = guess is not None
     starting = robot.path_geometry, search.frame, search.starts, search.center, search.home
-    limits = deviation, limit, largest_misfit, int(max_iterations)
+    limits = weights, deviation, limit, largest_misfit, int(max_iterations)
     outputs = position, rotation, error, jacobian, status, converged, slack
 
     def solve(first: int, end: int) -> None:
@@ -244,11 +246,11 @@ def _solve(
         done.append(kernels.forward_at_poses(*arguments))
 
     done: list[tuple[int, int]] = []
-    if threads == 1:
+    if threads == 1 or n < 2 * _LEAST_PER_THREAD:
         everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
         done = [kernels.forward_at_poses(*everything)]
     else:
-        in_chunks(solve, n, threads)
+        in_chunks(solve, n, threads, _LEAST_PER_THREAD)
     failures = sum(failed for failed, _ in done)
     if failures < 0:
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
@@ -276,7 +278,7 @@ class _Search(NamedTuple):
     starts: FloatArray  # (s, 3, 3)
     center: FloatArray  # (3,): middle of the workspace
     home: FloatArray  # (12,): position and rotation
-    unit_deviation: FloatArray  # (m,)
+    ones: FloatArray  # (m,)
     no_misfit: FloatArray  # (m + 1,)
 
 
@@ -334,7 +336,7 @@ def _deviations(length_deviation: ArrayLike, m: int) -> FloatArray:
 
 
 def _covariance(jacobian: FloatArray, deviation: FloatArray, wanted: BoolArray) -> FloatArray:
-    """Return J^+ S J^+T for members that are wanted, not-a-number for the others."""
+    """Return (J^T S^-1 J)^-1 for members that are wanted, not-a-number for the others."""
     result = np.full((*wanted.shape, 6, 6), np.nan)
     J = jacobian[wanted]
     if not J.size:
@@ -345,7 +347,7 @@ def _covariance(jacobian: FloatArray, deviation: FloatArray, wanted: BoolArray) 
         k = int(np.argmax(flat))
         index = tuple(int(i) for i in np.argwhere(wanted)[k])
         raise SingularWrenchMatrixError("the lengths do not determine the pose", -J[k].T, singular[k], index)
-    inverse = np.linalg.pinv(J) * deviation
+    inverse = np.linalg.pinv(J / deviation[:, None])
     result[wanted] = inverse @ inverse.swapaxes(-1, -2)
     return result
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+import functools
+import math
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import FloatArray, broadcast_batch, checked
-from .compiled import in_chunks, kernel_input
+from .arrays import FloatArray, as_floats, broadcast_batch, checked
+from .compiled import in_batch, in_chunks, kernel_input
 from .errors import InvalidInputError, SingularWrenchMatrixError
 from .kernels.tension_batch import (
     analytic_center_batch,
@@ -85,8 +87,7 @@ def distribute_tensions(
     """
     if method not in METHODS:
         raise InvalidInputError("method", method, f"known are {', '.join(METHODS)}")
-    w = checked("wrench", wrench, 6)
-    A = checked("wrench_matrix", wrench_matrix)
+    w, A = as_floats("wrench", wrench, 6), as_floats("wrench_matrix", wrench_matrix)
     if A.ndim < 2 or A.shape[-2] != 6 or A.shape[-1] < 6:
         raise InvalidInputError(
             "wrench_matrix", wrench_matrix, f"shape {A.shape} where (..., 6, m) with m >= 6 is needed"
@@ -97,52 +98,46 @@ def distribute_tensions(
             "method", method, f"for at most {_MOST_CABLES_WITH_CENTROID} cables, not {m}; use analytic_center"
         )
     batch = broadcast_batch(wrench_matrix=A.shape[:-2], wrench=w.shape[:-1])
-    shape = (*batch, m)
-    low, high = checked("t_min", t_min), checked("t_max", t_max)
-    if np.any(low >= high):
-        raise InvalidInputError("t_min", t_min, f"must be below t_max = {high}")
-    w_kernel, A_kernel = _stacked(w, batch, 6), _stacked(A, batch, 6, m)
-    limits = _per_cable("t_min", low, shape), _per_cable("t_max", high, shape)
-    near = _per_cable("reference", checked("reference", reference), shape)
-    count = 1
-    for size in batch:
-        count *= size
-    tensions, direction = np.empty((count, m)), np.full((count, 6), np.nan)
-    status, steps = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    separation = np.full(count, np.nan)
-    problem = A_kernel, w_kernel, *limits
-    checked_weights = _checked_weights(weights)
+    shape, n = (*batch, m), math.prod(batch)
+    problem = _stacked(A, batch, 6, m), _stacked(w, batch, 6), *_limits(t_min, t_max, shape)
+    tensions, direction, separation = np.empty((n, m)), np.empty((n, 6)), np.empty(n)
+    status, steps = np.empty(n, np.int64), np.empty(n, np.int64)
+    answer: list[Any] = [tensions, status, steps, direction, separation]
+    preferences = _per_cable("reference", reference, shape), _checked_weights(weights)
+    singular: list[int] = []
 
     def work(first: int, after_last: int) -> None:
-        part = first, after_last, tensions, status
         if method == "minimum_norm":
-            minimum_norm_batch(A_kernel, w_kernel, *part)
+            singular.append(minimum_norm_batch(*problem[:2], first, after_last, *answer))
             return
-        bounded_batch(*problem, near, checked_weights, *part, steps, direction, separation)
+        singular.append(bounded_batch(*problem, *preferences, first, after_last, *answer))
         if method == "centroid":
-            centroid_batch(*problem, *part, steps)
+            centroid_batch(*problem, first, after_last, tensions, status, steps)
         elif method == "analytic_center":
-            analytic_center_batch(*problem, *part, steps)
+            analytic_center_batch(*problem, first, after_last, tensions, status, steps)
 
-    in_chunks(work, count, threads)
-    if SINGULAR in status:
+    in_chunks(work, n, threads)
+    if any(singular):
+        checked("wrench_matrix", A)
         if method != "minimum_norm":
-            _raise_singular(A_kernel, status, batch)
-        _pseudoinverse(A_kernel, w_kernel, tensions, status)
-    residual_wrench, residual = np.empty((count, 6)), np.empty(count)
-    margin, feasible = np.empty(count), np.empty(count, np.bool_)
-    active = np.empty((count, m), np.int8)
-    assess_kernel(*problem, tensions, status, residual_wrench, residual, margin, active, feasible)
+            _raise_singular(problem[0], status, batch)
+        _pseudoinverse(problem[0], problem[1], tensions, status)
+    residual_wrench, residual, margin = np.empty((n, 6)), np.empty(n), np.empty(n)
+    active, feasible = np.empty((n, m), np.int8), np.empty(n, np.bool_)
+    appraisal: list[Any] = [residual_wrench, residual, margin, active, feasible]
+    if not assess_kernel(*problem, tensions, status, *appraisal):
+        checked("wrench", w)
+        checked("wrench_matrix", A)
     return TensionResult(
-        tensions.reshape(shape),
+        in_batch(tensions, batch),
         feasible.reshape(batch),
         residual.reshape(batch),
-        residual_wrench.reshape(*batch, 6),
+        in_batch(residual_wrench, batch),
         margin.reshape(batch),
         active.reshape(shape),
         status.reshape(batch),
         steps.reshape(batch),
-        direction.reshape(*batch, 6),
+        in_batch(direction, batch),
         separation.reshape(batch),
     )
 
@@ -156,16 +151,33 @@ def _stacked(array: FloatArray, batch: tuple[int, ...], *own: int) -> FloatArray
     return kernel_input(array, -1, *own)
 
 
-def _per_cable(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def _limits(t_min: Any, t_max: Any, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the limits for each cable, as `_per_cable`."""
+    low, high = _per_cable("t_min", t_min, shape), _per_cable("t_max", t_max, shape)
+    wrong = t_min >= t_max if isinstance(t_min, float) and isinstance(t_max, float) else (low >= high).any()
+    if wrong:
+        raise InvalidInputError("t_min", t_min, f"must be below t_max = {t_max}")
+    return low, high
+
+
+def _per_cable(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return a value for each cable, as `_stacked`; it may have any shape that broadcasts to `shape`."""
     m = shape[-1]
-    if value.ndim == 0:
-        return kernel_input(np.full(m, value), 1, m)
-    if broadcast_batch(tensions=shape, **{name: value.shape}) != shape:
-        raise InvalidInputError(name, value, f"shape {value.shape} does not fit tensions {shape}")
-    if value.shape == (m,):
-        return kernel_input(value, 1, m)
-    return kernel_input(np.broadcast_to(value, shape), -1, m)
+    if isinstance(value, float) and math.isfinite(value):
+        return _same_for_all(float(value), m)
+    array = checked(name, value)
+    if array.ndim == 0:
+        return _same_for_all(float(array), m)
+    if broadcast_batch(tensions=shape, **{name: array.shape}) != shape:
+        raise InvalidInputError(name, array, f"shape {array.shape} does not fit tensions {shape}")
+    if array.shape == (m,):
+        return kernel_input(array, 1, m)
+    return kernel_input(np.broadcast_to(array, shape), -1, m)
+
+
+@functools.lru_cache(maxsize=32)
+def _same_for_all(value: float, m: int) -> FloatArray:
+    return kernel_input(np.full(m, value), 1, m)
 
 
 def _checked_weights(weights: ArrayLike | None) -> FloatArray:

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .arrays import BoolArray, FloatArray, checked, frozen, positive_number
 from .errors import CableReachError, InvalidInputError
@@ -22,7 +22,8 @@ from .robot import Robot
 Progress = Callable[[int, int], None]  # poses done, poses in all
 
 _CHUNK = 512  # poses assessed between two reports of progress
-_SUBDIVISION = 6  # of a cell that the border cuts, along each axis, for its volume
+_SUBDIVISION = 5  # places along each axis of a cell that the border cuts
+_CELLS_AT_ONCE = 20_000
 _LEVEL = ((0.0, 0.0, 0.0),)
 _MOST_POSES = 50_000_000
 
@@ -101,10 +102,10 @@ class Workspace:
     def distance_to_boundary(self, position: ArrayLike) -> FloatArray:
         """Return how far positions (..., 3) are from the border of the workspace, shape (...), m.
 
-        Positive inside and negative outside. The border is where the interpolated margin passes through zero,
-        seen along the lines of the grid, so that the result is too large by at most about an eighth of the
-        square of the grid's spacing over itself. For positions inside, the faces of the grid count as border:
-        nothing is known beyond them.
+        Positive inside and negative outside; -inf outside without a border. The border is where the
+        interpolated margin passes through zero, seen along lines a quarter of the grid's spacing apart: close
+        to it the result is too large by up to about a fifth of the spacing. For positions inside, the faces
+        of the grid count as border: nothing is known beyond them.
 
         Raises
         ------
@@ -162,49 +163,60 @@ class Workspace:
     @cached_property
     def _shares(self) -> FloatArray:
         """Share of each cell in which the interpolated margin is not negative."""
-        margin = self._finite_margin
-        cells = tuple(n - 1 for n in margin.shape)
-        corners = {
-            shift: margin[tuple(slice(s, s + n) for s, n in zip(shift, cells, strict=True))]
-            for shift in itertools.product((0, 1), repeat=3)
-        }
-        least = np.minimum.reduce(list(corners.values()))
-        most = np.maximum.reduce(list(corners.values()))
-        shares = (least >= 0.0).astype(np.float64)
-        cut = (least < 0.0) & (most >= 0.0)
-        inside = np.zeros(int(cut.sum()))
-        steps = (np.arange(_SUBDIVISION) + 0.5) / _SUBDIVISION
-        for fractions in itertools.product(steps, repeat=3):
-            value = np.zeros(len(inside))
-            for shift, corner in corners.items():
-                weight = math.prod(f if s else 1.0 - f for f, s in zip(fractions, shift, strict=True))
-                value += weight * corner[cut]
-            inside += value >= 0.0
-        shares[cut] = inside / _SUBDIVISION**3
+        corners = self._corners
+        shares = (corners.min(axis=(3, 4, 5)) >= 0.0).astype(np.float64)
+        cells = self._cut_cells
+        inside = np.empty(len(cells))
+        for part in _parts(len(cells)):
+            values = _in_cells(corners[tuple(cells[part].T)], (np.arange(_SUBDIVISION) + 0.5) / _SUBDIVISION)
+            inside[part] = (values >= 0.0).mean(axis=(1, 2, 3))
+        shares[tuple(cells.T)] = inside
         return np.asarray(shares)
 
     @cached_property
     def _border(self) -> FloatArray:
-        """Points (n, 3) in which lines of the grid pass through the border, m."""
-        margin = self._finite_margin
+        """Points (n, 3) at which lines through the cut cells pass through the border, m."""
         axes = self.x, self.y, self.z
-        points = []
-        for k in range(3):
-            before = np.moveaxis(margin, k, 0)[:-1]
-            after = np.moveaxis(margin, k, 0)[1:]
-            passing = np.argwhere((before >= 0.0) != (after >= 0.0))
-            if not len(passing):
-                continue
-            a, b = before[tuple(passing.T)], after[tuple(passing.T)]
-            share = a / (a - b)
-            others = [axis for j, axis in enumerate(axes) if j != k]
-            point = np.empty((len(passing), 3))
-            i = passing[:, 0]
-            point[:, k] = axes[k][i] + share * (axes[k][i + 1] - axes[k][i])
-            for column, (j, axis) in enumerate(zip([j for j in range(3) if j != k], others, strict=True)):
-                point[:, j] = axis[passing[:, column + 1]]
-            points.append(point)
-        return np.concatenate(points) if points else np.empty((0, 3))
+        fractions = np.linspace(0.0, 1.0, _SUBDIVISION)
+        points = [np.empty((0, 3))]
+        for part in _parts(len(self._cut_cells)):
+            cells = self._cut_cells[part]
+            values = _in_cells(self._corners[tuple(cells.T)], fractions)
+            for k in range(3):
+                before = np.moveaxis(values, k + 1, -1)[..., :-1]
+                after = np.moveaxis(values, k + 1, -1)[..., 1:]
+                passing = np.nonzero((before >= 0.0) != (after >= 0.0))
+                start, end = before[passing], after[passing]
+                cell, *others, along = passing
+                share = np.empty((len(cell), 3))
+                share[:, k] = fractions[along] + start / (start - end) * fractions[1]
+                share[:, [j for j in range(3) if j != k]] = fractions[np.stack(others, axis=-1)]
+                corner = np.stack([axis[i] for axis, i in zip(axes, cells[cell].T, strict=True)], axis=-1)
+                size = np.stack([np.diff(axis)[i] for axis, i in zip(axes, cells[cell].T, strict=True)], -1)
+                points.append(corner + share * size)
+        return np.asarray(np.concatenate(points))
+
+    @cached_property
+    def _corners(self) -> FloatArray:
+        """Margin at the corners of each cell, shape (nx - 1, ny - 1, nz - 1, 2, 2, 2)."""
+        return np.asarray(np.lib.stride_tricks.sliding_window_view(self._finite_margin, (2, 2, 2)))
+
+    @cached_property
+    def _cut_cells(self) -> NDArray[np.int64]:
+        """Indices (n, 3) of the cells that the border cuts."""
+        least, most = self._corners.min(axis=(3, 4, 5)), self._corners.max(axis=(3, 4, 5))
+        return np.asarray(np.argwhere((least < 0.0) & (most >= 0.0)))
+
+
+def _parts(count: int) -> list[slice]:
+    """Ranges of cut cells that are looked at together, which bounds the memory."""
+    return [slice(first, first + _CELLS_AT_ONCE) for first in range(0, count, _CELLS_AT_ONCE)]
+
+
+def _in_cells(corners: FloatArray, fractions: FloatArray) -> FloatArray:
+    """Interpolate from corners (n, 2, 2, 2) to all places (n, f, f, f) with these fractions (f,)."""
+    weights = np.stack((1.0 - fractions, fractions), axis=-1)
+    return np.asarray(np.einsum("cijk,ui,vj,wk->cuvw", corners, weights, weights, weights, optimize=True))
 
 
 def explore_workspace(

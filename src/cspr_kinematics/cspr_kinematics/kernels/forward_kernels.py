@@ -37,13 +37,13 @@ BEYOND_PULLEY = 5
 def _evaluate(
     geometry: FloatArray,
     target: FloatArray,
-    used: BoolArray,
+    weights: FloatArray,
     position: FloatArray,
     rotation: FloatArray,
     error: FloatArray,
     jacobian: FloatArray,
 ) -> float:
-    """Fill in length errors and Jacobian; return half the square sum of the used, infinite without a path."""
+    """Fill in length errors and Jacobian; return half their weighted square sum, infinite without a path."""
     cost = 0.0
     for i in range(geometry.shape[0]):
         bx, by, bz = geometry[i, 3], geometry[i, 4], geometry[i, 5]
@@ -62,8 +62,7 @@ def _evaluate(
         if fault not in (PATH_EXISTS, ON_SWIVEL_AXIS):
             return math.inf
         error[i] = length - target[i]
-        if used[i]:
-            cost += 0.5 * error[i] * error[i]
+        cost += 0.5 * weights[i] * error[i] * error[i]
         jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = -ux, -uy, -uz
         jacobian[i, 3] = rz * uy - ry * uz
         jacobian[i, 4] = rx * uz - rz * ux
@@ -75,7 +74,7 @@ def _evaluate(
 def _iterate(
     geometry: FloatArray,
     target: FloatArray,
-    used: BoolArray,
+    weights: FloatArray,
     unknowns: int,
     max_iterations: int,
     position: FloatArray,
@@ -90,7 +89,7 @@ def _iterate(
     normal, damped = np.empty((unknowns, unknowns)), np.empty((unknowns, unknowns))
     gradient, step = np.empty(unknowns), np.empty(unknowns)
     damping = _INITIAL_DAMPING
-    cost = _evaluate(geometry, target, used, position, rotation, error, jacobian)
+    cost = _evaluate(geometry, target, weights, position, rotation, error, jacobian)
     if cost == math.inf:
         return BEYOND_PULLEY, 0, cost
     iterations = 0
@@ -101,15 +100,13 @@ def _iterate(
             for j in range(unknowns):
                 value = 0.0
                 for i in range(m):
-                    if used[i]:
-                        value += jacobian[i, j] * error[i]
+                    value += jacobian[i, j] * weights[i] * error[i]
                 gradient[j] = value
                 largest = max(largest, abs(value))
                 for k in range(j + 1):
                     value = 0.0
                     for i in range(m):
-                        if used[i]:
-                            value += jacobian[i, j] * jacobian[i, k]
+                        value += jacobian[i, j] * weights[i] * jacobian[i, k]
                     normal[j, k] = value
             if largest <= GRADIENT_TOLERANCE:
                 return CONVERGED, iterations, cost
@@ -130,7 +127,7 @@ def _iterate(
             else:
                 assign_matrix(trial_rotation, rotation)
             trial_cost = _evaluate(
-                geometry, target, used, trial_position, trial_rotation, trial_error, trial_jacobian
+                geometry, target, weights, trial_position, trial_rotation, trial_error, trial_jacobian
             )
             improved = trial_cost <= cost * _COST_ROUNDING
         if improved:
@@ -161,11 +158,11 @@ def _above(geometry: FloatArray, frame: FloatArray, position: FloatArray, rotati
 
 
 @kernel
-def _misfit(error: FloatArray, used: BoolArray) -> float:
-    """Return the largest of the used length errors."""
+def _misfit(error: FloatArray, weights: FloatArray) -> float:
+    """Return the largest of the length errors that have a weight."""
     largest = 0.0
     for i in range(error.shape[0]):
-        if used[i]:
+        if weights[i] > 0.0:
             largest = max(largest, abs(error[i]))
     return largest
 
@@ -177,7 +174,7 @@ def _search(
     starts: FloatArray,
     center: FloatArray,
     target: FloatArray,
-    used: BoolArray,
+    weights: FloatArray,
     max_iterations: int,
     position: FloatArray,
     rotation: FloatArray,
@@ -196,14 +193,14 @@ def _search(
     fill_matrix(jacobian, math.nan)
     assign_vector(position, center)
     assign_matrix(rotation, starts[0])
-    _evaluate(geometry, target, used, position, rotation, error, jacobian)
+    _evaluate(geometry, target, weights, position, rotation, error, jacobian)
     for s in range(starts.shape[0]):
         assign_vector(p, center)
         assign_matrix(Q, starts[s])
         status, cost = CONVERGED, math.inf
         for stage in range(2):
             unknowns, limit = (3, _POSITION_ITERATIONS) if stage == 0 else (6, max_iterations)
-            status, iterations, cost = _iterate(geometry, target, used, unknowns, limit, p, Q, e, J)
+            status, iterations, cost = _iterate(geometry, target, weights, unknowns, limit, p, Q, e, J)
             total += iterations
             if status == BEYOND_PULLEY:
                 break
@@ -232,6 +229,7 @@ def _search(
 def _find_slack(
     geometry: FloatArray,
     target: FloatArray,
+    weights: FloatArray,
     deviation: FloatArray,
     max_residual: float,
     max_misfit: FloatArray,
@@ -247,17 +245,18 @@ def _find_slack(
     left, because six fit any lengths. Only a cable that is longer than its path can be slack.
     """
     m = geometry.shape[0]
-    used = np.ones(m, dtype=np.bool_)
+    left = np.empty(m)
+    assign_vector(left, weights)
     p, Q, e, J = np.empty(3), np.empty((3, 3)), np.empty(m), np.empty((m, 6))
     best_error = np.empty(m)
     fill_vector(slack, 0.0)
-    left = m
-    while left > 7:
+    count = m
+    while count > 7:
         best, best_cost = -1, math.inf
         for k in range(m):
-            if not used[k]:
+            if left[k] == 0.0:
                 continue
-            used[k] = False
+            left[k] = 0.0
             for start in range(2):
                 if start == 0:
                     assign_vector(p, position)
@@ -267,19 +266,19 @@ def _find_slack(
                         p[j] = home[j]
                         for i in range(3):
                             Q[j, i] = home[3 + 3 * j + i]
-                status, _, cost = _iterate(geometry, target, used, J.shape[1], max_iterations, p, Q, e, J)
+                status, _, cost = _iterate(geometry, target, left, J.shape[1], max_iterations, p, Q, e, J)
                 if status == CONVERGED and cost < best_cost and e[k] < 0.0:
                     best, best_cost = k, cost
                     assign_vector(best_error, e)
-            used[k] = True
+            left[k] = weights[k]
         if best < 0:
             return False
-        used[best] = False
-        left -= 1
-        if _fits(best_error, used, deviation, max_residual, float(max_misfit[left])):
+        left[best] = 0.0
+        count -= 1
+        if _fits(best_error, left, deviation, max_residual, float(max_misfit[count])):
             longest = True
             for k in range(m):
-                if not used[k]:
+                if left[k] == 0.0:
                     slack[k] = -best_error[k]
                     longest = longest and slack[k] > 0.0
             if not longest:
@@ -290,16 +289,16 @@ def _find_slack(
 
 @kernel
 def _fits(
-    error: FloatArray, used: BoolArray, deviation: FloatArray, max_residual: float, max_misfit: float
+    error: FloatArray, weights: FloatArray, deviation: FloatArray, max_residual: float, max_misfit: float
 ) -> bool:
     """Whether no error exceeds its limit, nor their weighted square sum its own, which may be infinite."""
-    if _misfit(error, used) > max_residual:
+    if _misfit(error, weights) > max_residual:
         return False
     if max_misfit == math.inf:
         return True
     total = 0.0
     for i in range(error.shape[0]):
-        if used[i]:
+        if weights[i] > 0.0:
             total += (error[i] / deviation[i]) ** 2
     return total <= max_misfit
 
@@ -315,6 +314,7 @@ def forward_at_poses(
     guided: bool,
     guess_positions: FloatArray,
     guess_rotations: FloatArray,
+    weights: FloatArray,
     deviation: FloatArray,
     max_residual: float,
     max_misfit: FloatArray,
@@ -334,7 +334,6 @@ def forward_at_poses(
     """
     failures, most_iterations = 0, 0
     m = geometry.shape[0]
-    used = np.ones(m, dtype=np.bool_)
     Q = np.empty((3, 3))
     for n in range(targets.shape[0]):
         for i in range(m):
@@ -348,7 +347,15 @@ def forward_at_poses(
             assign_matrix(Q, guess_rotations[g])
             started_above = _above(geometry, frame, p, Q)
             status, count, _ = _iterate(
-                geometry, targets[n], used, jacobians.shape[2], max_iterations, p, Q, errors[n], jacobians[n]
+                geometry,
+                targets[n],
+                weights,
+                jacobians.shape[2],
+                max_iterations,
+                p,
+                Q,
+                errors[n],
+                jacobians[n],
             )
             if status == CONVERGED and not started_above and _above(geometry, frame, p, Q):
                 status = ABOVE_FRAME
@@ -359,7 +366,7 @@ def forward_at_poses(
                 starts,
                 center,
                 targets[n],
-                used,
+                weights,
                 max_iterations,
                 p,
                 Q,
@@ -370,12 +377,13 @@ def forward_at_poses(
         if status == BEYOND_PULLEY:
             fill_vector(errors[n], math.nan)
             fill_matrix(jacobians[n], math.nan)
-        elif not _fits(errors[n], used, deviation, max_residual, float(max_misfit[m])):
+        elif not _fits(errors[n], weights, deviation, max_residual, float(max_misfit[m])):
             if status == CONVERGED:
                 status = NO_POSE_FITS
             if _find_slack(
                 geometry,
                 targets[n],
+                weights,
                 deviation,
                 max_residual,
                 max_misfit,

@@ -10,6 +10,7 @@ from ..compiled import kernel
 from .tension_kernels import (
     EXACT,
     INFEASIBLE,
+    SINGULAR,
     analytic_center_kernel,
     bounded_tensions_kernel,
     centroid_kernel,
@@ -30,12 +31,20 @@ def minimum_norm_batch(
     after_last: int,
     tensions: FloatArray,
     status: NDArray[np.int64],
-) -> None:
-    """Write the minimum-norm tensions (n, m) of wrenches `first` to `after_last`; A and w as below."""
+    steps: NDArray[np.int64],
+    direction: FloatArray,
+    separation: FloatArray,
+) -> int:
+    """Write the minimum-norm tensions (n, m) of wrenches `first` to `after_last`; the rest is as below."""
+    singular = 0
     for k in range(first, after_last):
-        status[k], _, _ = minimum_norm_kernel(
+        direction[k] = np.nan
+        separation[k] = np.nan
+        status[k], _, steps[k] = minimum_norm_kernel(
             A[k if A.shape[0] > 1 else 0], w[k if w.shape[0] > 1 else 0], tensions[k]
         )
+        singular += status[k] == SINGULAR
+    return singular
 
 
 @kernel
@@ -53,7 +62,7 @@ def bounded_batch(
     steps: NDArray[np.int64],
     direction: FloatArray,
     separation: FloatArray,
-) -> None:
+) -> int:
     """Find bounded tensions for wrenches `first` to `after_last` of a batch of n.
 
     Parameters
@@ -67,10 +76,16 @@ def bounded_batch(
     status, steps : numpy.ndarray of int, shape (n,)
         Receive a `TensionStatus` and the steps of the solvers.
     direction : numpy.ndarray, shape (n, 6)
-        Receives the separating direction of each wrench out of reach; the others stay as they are.
+        Receives the separating direction of each wrench out of reach; NaN for the others.
     separation : numpy.ndarray, shape (n,)
-        Receives the distance that each of them proves.
+        Receives the distance that each of them proves; NaN for the others.
+
+    Returns
+    -------
+    int
+        How many wrench matrices are singular.
     """
+    singular = 0
     for k in range(first, after_last):
         a = A[k if A.shape[0] > 1 else 0]
         b = w[k if w.shape[0] > 1 else 0]
@@ -79,9 +94,13 @@ def bounded_batch(
         reference = t_reference[k if t_reference.shape[0] > 1 else 0]
         t = tensions[k]
         status[k], _, steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
+        singular += status[k] == SINGULAR
+        direction[k] = np.nan
+        separation[k] = np.nan
         if status[k] == INFEASIBLE:
             gap = separating_direction_kernel(a, b, low, high, t, weights, direction[k])
             separation[k] = gap if gap > 0.0 else np.nan
+    return singular
 
 
 @kernel
@@ -145,13 +164,16 @@ def assess_kernel(
     margin: FloatArray,
     active: NDArray[np.int8],
     feasible: BoolArray,
-) -> None:
+) -> bool:
     """Write wrench error, margin to the limits, active limits and feasibility of a batch of tensions.
+
+    Returns whether all errors are finite, which they are not for any wrench or matrix that is not.
 
     The inputs are those of `bounded_batch`; residual_wrench (n, 6), residual, margin and feasible (n,),
     active (n, m).
     """
     m = tensions.shape[1]
+    finite = True
     for k in range(tensions.shape[0]):
         a = A[k if A.shape[0] > 1 else 0]
         b = w[k if w.shape[0] > 1 else 0]
@@ -165,6 +187,7 @@ def assess_kernel(
             residual_wrench[k, row] = error
             squared += error * error
         residual[k] = np.sqrt(squared)
+        finite &= np.isfinite(squared)
         margin[k] = np.inf
         for i in range(m):
             near = ACTIVE_TOLERANCE * max(abs(low[i]), abs(high[i]))
@@ -172,3 +195,4 @@ def assess_kernel(
             margin[k] = min(margin[k], below, above)
             active[k, i] = -1 if below <= near else (1 if above <= near else 0)
         feasible[k] = margin[k] >= 0.0 and status[k] == EXACT and residual[k] <= reached_kernel(b)
+    return finite

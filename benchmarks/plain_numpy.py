@@ -1,0 +1,59 @@
+"""The mathematics of a control cycle in plain numpy and scipy, to compare the compiled kernels with."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from cspr_kinematics import GRAVITY, Acceleration, Payload, Pose, Robot, Twist
+
+FloatArray = NDArray[np.float64]
+_NEXT, _AFTER_NEXT = np.array([1, 2, 0]), np.array([2, 0, 1])
+_REGULARISATION = 1e-5
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return a.take(_NEXT, -1) * b.take(_AFTER_NEXT, -1) - a.take(_AFTER_NEXT, -1) * b.take(_NEXT, -1)
+
+
+def wrench_matrix(robot: Robot, pose: Pose) -> tuple[FloatArray, FloatArray]:
+    """Return lengths (..., m) and A (..., 6, m) for fixed exit points."""
+    arms = robot.anchor_points @ pose.rotation.swapaxes(-1, -2)
+    vectors = robot.exit_points - pose.position[..., None, :] - arms
+    lengths = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    directions = vectors / lengths[..., None]
+    columns = np.concatenate((directions, cross(arms, directions)), axis=-1)
+    return lengths, columns.swapaxes(-1, -2)
+
+
+def wrench(
+    robot: Robot, pose: Pose, twist: Twist, acceleration: Acceleration, payload: Payload
+) -> FloatArray:
+    """Return the required wrench (..., 6)."""
+    body = robot.platform
+    mass = body.mass + payload.mass
+    inertia = body.inertia_about_origin + payload.inertia_about_origin
+    mc = pose.rotation @ (body.first_moment + payload.first_moment)
+    omega, alpha, a = twist.angular, acceleration.angular, acceleration.linear - GRAVITY
+    force = mass * a + cross(alpha, mc) + cross(omega, cross(omega, mc))
+    I_P = pose.rotation @ inertia @ pose.rotation.swapaxes(-1, -2)
+    turning = (I_P @ alpha[..., None])[..., 0] + cross(omega, (I_P @ omega[..., None])[..., 0])
+    return np.concatenate((force, cross(mc, a) + turning), axis=-1)
+
+
+def minimum_norm(A: FloatArray, w: FloatArray) -> FloatArray:
+    """Return A^+ w (..., m)."""
+    At = A.swapaxes(-1, -2)
+    return (At @ np.linalg.solve(A @ At, w[..., None]))[..., 0]
+
+
+def bounded(A: FloatArray, w: FloatArray, low: float, high: float) -> FloatArray:
+    """Return bounded tensions (m,) of one pose: minimum norm if inside the limits, else scipy's squares."""
+    tensions = minimum_norm(A, w)
+    if tensions.min() >= low and tensions.max() <= high:
+        return tensions
+    m = A.shape[1]
+    stacked = np.concatenate((A, _REGULARISATION * np.eye(m)))
+    target = np.concatenate((w, np.zeros(m)))
+    return lsq_linear(stacked, target, (low, high), method="bvls").x
