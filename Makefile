@@ -25,6 +25,7 @@ $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r $(REQUIREMENTS)
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation --no-deps \
 		$(PACKAGES:%=-e src/%)
+	$(VENV)/bin/python -m cspr_kinematics.warm_up config/robot.yaml
 	@touch $@
 
 demo: $(READY)

@@ -57,7 +57,10 @@ class Demo:
     def children(self) -> dict[str, int]:
         """Process ids of the children by the name of their module."""
         listed = subprocess.run(
-            ["ps", "--ppid", str(self.process.pid), "-o", "pid=,args="], capture_output=True, text=True, check=False
+            ["ps", "--ppid", str(self.process.pid), "-o", "pid=,args="],
+            capture_output=True,
+            text=True,
+            check=False,
         )
         found = {}
         for line in listed.stdout.splitlines():
@@ -120,7 +123,9 @@ def test_the_robot_moves_and_is_recorded(tmp_path: Path, demo: list[Demo]) -> No
 
     topics = set()
     with open(next(bag.glob("*.mcap")), "rb") as file:
-        for _, channel, _, decoded in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+        for _, channel, _, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
             if channel.topic not in topics:
                 assert decoded is not None
                 topics.add(channel.topic)

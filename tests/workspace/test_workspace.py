@@ -53,6 +53,11 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         can.replace("interface: socketcan", "interface: virtual"), encoding="utf-8"
     )
     colcon("build", "--base-paths", "src", cwd=path)
+    # compiling the kernels takes a minute, once; what is tested below is how an installed executable starts
+    subprocess.run(
+        [sys.executable, "-m", "cspr_kinematics.warm_up", "config/robot.yaml"],
+        cwd=path, env=environment(path), check=True, timeout=300,
+    )  # fmt: skip
     return path
 
 

@@ -294,7 +294,7 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
             children.start(
                 "control", PACKAGES["control"], _ros_arguments(config, *feedforward, *trajectory, *realtime)
             )
-            run.wait("starting", lambda: client.ready, 40.0, lambda: client.missing)
+            run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
             run.call("/supervisor/enable", 20.0)
             run.wait("enabling", lambda: client.robot_state == "enabled", 10.0, lambda: client.robot_message)
             run.pause("measuring the load", 2.0)

@@ -23,6 +23,7 @@ from cspr_control.feedforward import (
 from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
 from cspr_control.reference import ReferencePoint
 from cspr_kinematics import Acceleration, KinematicsError, Pose, Twist
+from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import JointStateCodec
@@ -38,6 +39,7 @@ class FeedforwardNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("feedforward", **options)
         robot = declare_robot(self)
+        warm_up(robot)  # compiling takes long, and must not fall into a control cycle
         names = self._declare_settings()
         parameters = ChangeableParameters(self, names, _settings, self._apply)
         self._feedforward = Feedforward(robot, parameters.settings)

@@ -14,6 +14,7 @@ from cspr_control.errors import MeasurementError
 from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
 from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
 from cspr_kinematics import KinematicsError, Pose
+from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_pose_stamped, inertia_stamped
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import JointStateCodec
@@ -55,6 +56,7 @@ class MassEstimatorNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("mass_estimator", **options)
         robot = declare_robot(self)
+        warm_up(robot)  # compiling takes long, and must not fall into a control cycle
         default = EstimatorSettings()
         for name, (description, minimum, maximum, unit) in _PARAMETERS.items():
             declare(

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from cspr_control.nodes.parameters import declare_control_period, declare_robot
 from cspr_control.pose_estimation import PoseEstimator
 from cspr_kinematics import KinematicsError
+from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, pose_stamped
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import JointStateCodec
@@ -27,6 +28,7 @@ class PoseEstimatorNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("pose_estimator", **options)
         robot = declare_robot(self)
+        warm_up(robot)  # compiling takes long, and must not fall into a control cycle
         rate = declare(
             self, "rate", 50.0, "Rate of the poses", minimum=1.0, maximum=1000.0, unit="Hz", read_only=True
         )

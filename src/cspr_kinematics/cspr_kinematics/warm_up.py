@@ -1,0 +1,39 @@
+"""Compile, or load from the cache, what a control cycle needs, before the first cycle asks for it.
+
+`python -m cspr_kinematics.warm_up ROBOT_FILE` does so after an installation, when compiling takes a minute.
+"""
+
+from __future__ import annotations
+
+import sys
+from time import perf_counter
+
+from .feedforward_tensions import feedforward_tensions
+from .forward_kinematics import forward_kinematics
+from .inverse_kinematics import inverse_kinematics
+from .pose import Acceleration, Pose, Twist
+from .rigid_body import Payload
+from .robot import Robot
+
+
+def warm_up(robot: Robot) -> None:
+    """Run each function of a control cycle once, at the home pose."""
+    home = Pose.from_quaternion(robot.home.position, robot.home.quaternion)
+    lengths = inverse_kinematics(robot, home).lengths
+    feedforward_tensions(robot, home, Twist.zero(), Acceleration.zero(), Payload.none())
+    forward_kinematics(robot, lengths, home)
+
+
+def main() -> int:
+    """Compile for the robot of a file."""
+    if len(sys.argv) != 2:
+        print("usage: python -m cspr_kinematics.warm_up ROBOT_FILE", file=sys.stderr)
+        return 2
+    start = perf_counter()
+    warm_up(Robot.from_yaml(sys.argv[1]))
+    print(f"kernels of cspr_kinematics are ready ({perf_counter() - start:.1f} s)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
