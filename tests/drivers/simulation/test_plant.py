@@ -161,7 +161,7 @@ def test_a_payload_beyond_the_cables_is_refused(config: SimulationConfig) -> Non
     [
         ("load_cells.noise_std", "noise_std: 2.0", "noise_std: -1.0", "noise_std"),
         ("cables.axial_stiffness", "axial_stiffness: 1200000.0", "axial_stiffness: .nan", "axial_stiffness"),
-        ("time_step", "time_step: 0.001", "time_step: 0.02", "time_step"),
+        ("time_step", "time_step: 0.002", "time_step: 0.02", "time_step"),
         ("payload.mass", "mass: 0.0  # kg", "mass: -5.0", "payload.mass"),
         ("unknown", "seed: 1", "seed: 1\nspeed: 3", "speed"),
         ("robot", "robot: robot.yaml", "robot: absent.yaml", "absent.yaml"),

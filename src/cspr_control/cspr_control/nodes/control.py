@@ -13,21 +13,22 @@ from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.pose_estimator import PoseEstimatorNode
 from cspr_control.nodes.supervisor import SupervisorNode
 from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
-from cspr_msgs_py.nodes.process import run_nodes
+from cspr_msgs_py.nodes.process import run_nodes, shared_subscriptions
 
 
 def create_control_nodes() -> Sequence[Node]:
     """Create the nodes, motor controllers first: their answers to a motor state are the most urgent."""
-    gains = MotorControlGains()
-    return [
-        gains,
-        *gains.controllers,
-        TrajectoryPublisher(),
-        FeedforwardNode(),
-        PoseEstimatorNode(),
-        MassEstimatorNode(),
-        SupervisorNode(),
-    ]
+    with shared_subscriptions():
+        gains = MotorControlGains()
+        return [
+            gains,
+            *gains.controllers,
+            TrajectoryPublisher(),
+            FeedforwardNode(),
+            PoseEstimatorNode(),
+            MassEstimatorNode(),
+            SupervisorNode(),
+        ]
 
 
 def main() -> int:

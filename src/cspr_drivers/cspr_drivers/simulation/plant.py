@@ -1,21 +1,25 @@
 """The simulated machine: platform, payload, elastic cables and winches in MuJoCo.
 
 MuJoCo integrates the rigid bodies and the winch shafts (inertia, dry and viscous friction, brake) and measures
-the geometric length of each cable. The cable law, a spring that cannot push on a free length which the winch
-pays out, stands here, since MuJoCo's own tendon springs have a constant rest length.
+the geometric length of each cable. The law of the cables stands in `cable_force`.
 """
 
 from __future__ import annotations
+
+import math
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cspr_drivers.errors import DriverError
+from cspr_drivers.simulation.cable_force import cable_and_motor_forces
 from cspr_drivers.simulation.simulation_config import CableProperties, SimulationConfig
 from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
 
 FloatArray = NDArray[np.float64]
+
+_SHORTEST_STEP = 1e-7  # s; what is left to a moment that rounding put apart is no step
 
 # Dry friction and the brake are constraints in MuJoCo and creep under load as far as these are soft. With an
 # impedance this close to 1 the brake slips by less than 1e-4 rad/s of the motor under the largest load.
@@ -65,13 +69,17 @@ class Plant:
         self._damping = np.zeros(m)
         self._tensions = np.zeros(m)
         self._pay_out = robot.winch.ratio  # m of cable per rad of the motor
+        cables = self._cables
+        self._cable_constants = np.array(
+            [self._pay_out, cables.axial_stiffness, cables.damping_time, cables.dead_length]
+        )
         self._payload = Payload.none()
         self.set_payload(config.payload)
         self._free_lengths_at_home = self._equilibrium_free_lengths()
         for index in range(m):
             self.set_brake(index, closed=True)
         mujoco.mj_forward(self._model, self._data)
-        self._update_tensions()
+        self._apply_forces()
 
     def _equilibrium_free_lengths(self) -> FloatArray:
         """Free lengths with which the platform hangs still at the home pose, m. (m,)."""
@@ -154,35 +162,44 @@ class Plant:
     def advance(self, time: float) -> None:
         """Integrate to a time (s since the plant was made) with the inputs as they are; earlier times do nothing.
 
+        The time is met exactly, in equal steps of at most the configured length: what encoders sense belongs to
+        the moment at which it is asked for.
+
         Raises
         ------
         PlantError
             If the integration diverges.
         """
         data, model = self._data, self._model
-        m = self._tensions.size
-        limit = self._robot.motor.torque_limit
-        while data.time + 0.5 * self._config.time_step <= time:
+        span = time - data.time
+        if span <= _SHORTEST_STEP:
+            return
+        steps = math.ceil(span / self._config.time_step - 1e-6)
+        model.opt.timestep = span / steps
+        for _ in range(steps):
             mujoco.mj_step1(model, data)  # lengths and rates of the present state
-            self._update_tensions()
-            torque = self._torque_input - self._damping * data.qvel[self._shaft]
-            np.clip(torque, -limit, limit, out=self._applied_torque)
-            data.ctrl[:m] = -self._tensions
-            data.ctrl[m:] = self._applied_torque + self._pay_out * self._tensions
+            self._apply_forces()
             mujoco.mj_step2(model, data)
-            if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
-                raise PlantError(f"the simulated machine diverged at t = {data.time:.4f} s")
+        if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+            raise PlantError(f"the simulated machine diverged at t = {data.time:.4f} s")
 
-    def _update_tensions(self) -> None:
-        data, cables = self._data, self._cables
-        free = self._free_lengths_at_home + self._pay_out * data.qpos[self._shaft_position]
-        stretch = data.ten_length - free
-        rate = data.ten_velocity - self._pay_out * data.qvel[self._shaft]
-        stiffness = cables.axial_stiffness / (free + cables.dead_length)
-        pull = stiffness * (stretch + cables.damping_time * rate)
-        # slack cables neither push nor damp
-        np.maximum(pull, 0.0, out=pull)
-        self._tensions[:] = np.where(stretch > 0.0, pull, 0.0)
+    def _apply_forces(self) -> None:
+        """Set the forces of cables and drives from lengths, rates, angles and speeds as they are."""
+        data = self._data
+        cable_and_motor_forces(
+            data.ten_length,
+            data.ten_velocity,
+            data.qpos[self._shaft_position],
+            data.qvel[self._shaft],
+            self._free_lengths_at_home,
+            self._cable_constants,
+            self._torque_input,
+            self._damping,
+            self._robot.motor.torque_limit,
+            self._tensions,
+            self._applied_torque,
+            data.ctrl,
+        )
 
 
 def _mjcf(robot: Robot, time_step: float) -> str:

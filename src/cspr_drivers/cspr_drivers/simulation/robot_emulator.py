@@ -197,7 +197,7 @@ class RobotEmulator:
             if machine.now() - time > _STALE:
                 self.missed_syncs += 1
                 return
-            machine.advance(time)
+            machine.advance(time, exactly=True)
             for node in nodes:
                 node.sync(time)
             if time - self._last_tick >= _TICK:

@@ -23,6 +23,9 @@ FloatArray = NDArray[np.float64]
 # system clock that was set meanwhile): the time of reception counts instead.
 _LARGEST_FRAME_AGE = 1.0
 
+# s. Inputs that change within this time of each other take effect together.
+_SIMULTANEOUS_INPUTS = 0.5e-3
+
 # s. Two clocks are compared only when they could be read within this time of each other.
 _SIMULTANEOUS = 1e-5
 
@@ -172,15 +175,23 @@ class SharedPlant:
         now = self._steady_clock() - self._steady_start
         return time if abs(now - time) <= _LARGEST_FRAME_AGE else now
 
-    def advance(self, time: float) -> None:
+    def advance(self, time: float, exactly: bool = False) -> None:
         """Integrate to a time, s; payloads that are due arrive on the way.
+
+        Parameters
+        ----------
+        time
+            Plant time; earlier ones do nothing.
+        exactly
+            Whether the time must be met, as when encoders are latched. Otherwise a time less than half a
+            millisecond ahead is left for later: eight torques that arrive one by one are not worth eight steps.
 
         Raises
         ------
         DriverError
             If the plant cannot go on; `failure` keeps it.
         """
-        if time <= self._time:
+        if time - self._time <= (0.0 if exactly else _SIMULTANEOUS_INPUTS):
             return
         if self.failure is not None:
             raise self.failure
