@@ -195,6 +195,25 @@ def test_arguments_that_nobody_takes() -> None:
     assert "unknown arguments: -p gain:=2.0; parameters follow --ros-args" in output
 
 
+def test_the_whole_process_is_bound_to_a_cpu() -> None:
+    cpu = max(os.sched_getaffinity(0))
+    program = Program("run", "--ros-args", "-p", f"cpu:={cpu}")
+    program.wait_for("answered")
+    bound = [os.sched_getaffinity(int(t.name)) for t in Path(f"/proc/{program.process.pid}/task").iterdir()]
+    status, _ = program.end(signal.SIGTERM)
+    assert status == 0
+    assert len(bound) > 1
+    assert all(cpus == {cpu} for cpus in bound)
+
+
+def test_a_cpu_that_is_not_there_is_said_and_survived() -> None:
+    program = Program("run", "--ros-args", "-p", "cpu:=1023")
+    program.wait_for("answered")
+    status, output = program.end(signal.SIGTERM)
+    assert status == 0
+    assert "CPU 1023 was refused" in output
+
+
 def test_priority_is_set_or_its_refusal_names_the_privilege() -> None:
     program = Program("run", "--ros-args", "-p", "realtime_priority:=10")
     program.wait_for("answered")

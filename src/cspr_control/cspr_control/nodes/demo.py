@@ -222,6 +222,12 @@ def _realtime_problem() -> str | None:
     return None
 
 
+def _cpus() -> tuple[int, int, int]:
+    """CPUs for control, the simulated robot and the recorder: one each as far as there are any."""
+    allowed = sorted(os.sched_getaffinity(0))
+    return allowed[0], allowed[1 % len(allowed)], allowed[2] if len(allowed) > 2 else allowed[0]
+
+
 def _new_run_directory(runs: Path) -> Path:
     """Make runs/<UTC time>/ and let runs/latest point there."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
@@ -273,27 +279,21 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
     feedforward += ["-p", f"feedforward:payload_source:={payload_source}"]
     trajectory = ["-p", f"trajectory_publisher:trajectory:={scenario.trajectory}"]
     realtime = ["-p", "realtime_priority:=50"] if scenario.realtime else []
+    control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
 
     with ChildProcesses(directory / "log") as children, _client() as client:
         progress = _Progress(f"{scenario.controller}{' (exact mass)' if scenario.exact_mass else ''}", client)
         run = _Operator(client, children, progress)
         try:
+            attach = f"attach:=[{', '.join(attached)}]"
+            recording = ["--ros-args", "-p", f"output:={directory / 'bag'}", "-p", attach, *recorder_cpu]
+            controlling = _ros_arguments(config, *feedforward, *trajectory, *control_cpu, *realtime)
+            children.start("recorder", PACKAGES["recorder"], recording)
             children.start(
-                "recorder",
-                PACKAGES["recorder"],
-                [
-                    "--ros-args",
-                    "-p",
-                    f"output:={directory / 'bag'}",
-                    "-p",
-                    f"attach:=[{', '.join(attached)}]",
-                ],
+                "simulated_robot", PACKAGES["simulated_robot"], _ros_arguments(config, *robot_cpu, *realtime)
             )
-            children.start("simulated_robot", PACKAGES["simulated_robot"], _ros_arguments(config, *realtime))
-            children.start(
-                "control", PACKAGES["control"], _ros_arguments(config, *feedforward, *trajectory, *realtime)
-            )
+            children.start("control", PACKAGES["control"], controlling)
             run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
             run.call("/supervisor/enable", 20.0)
             run.wait("enabling", lambda: client.robot_state == "enabled", 10.0, lambda: client.robot_message)

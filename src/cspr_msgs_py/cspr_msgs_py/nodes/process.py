@@ -27,7 +27,7 @@ from rclpy.utilities import remove_ros_args
 from cspr_msgs_py.conversions import diagnostic_array
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.nodes.parameters import declare
-from cspr_msgs_py.nodes.scheduling import set_realtime_priority
+from cspr_msgs_py.nodes.scheduling import set_cpu, set_realtime_priority
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 
@@ -68,6 +68,7 @@ def run_nodes(
         Command line with the program's name first; that of the process by default.
     realtime : bool
         Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
+        All have the parameter ``cpu``, which binds the process to one CPU.
 
     Returns
     -------
@@ -99,8 +100,7 @@ def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) ->
         try:
             nodes += factory()
             stop.armed = True
-            if realtime:
-                _set_priority(nodes)
+            _set_scheduling(nodes, realtime)
             _spin(nodes, stop.future)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
@@ -189,16 +189,24 @@ def _spin(nodes: Sequence[Node], stop: Future) -> None:
         executor.shutdown()
 
 
-def _set_priority(nodes: Sequence[Node]) -> None:
-    description = "SCHED_FIFO priority of the process, 0 for normal scheduling"
-    priority = 0
-    for node in nodes:
-        wanted = declare(node, "realtime_priority", 0, description, minimum=0, maximum=99, read_only=True)
-        priority = max(priority, wanted)
-    if priority > 0:
-        refusal = set_realtime_priority(priority)
+def _set_scheduling(nodes: Sequence[Node], realtime: bool) -> None:
+    cpu = _largest(nodes, "cpu", -1, "CPU on which the whole process runs, -1 for any", 1023)
+    refusals = [set_cpu(cpu)] if cpu >= 0 else []
+    if realtime:
+        description = "SCHED_FIFO priority of the process, 0 for normal scheduling"
+        priority = _largest(nodes, "realtime_priority", 0, description, 99)
+        refusals += [set_realtime_priority(priority)] if priority > 0 else []
+    for refusal in refusals:
         if refusal is not None:
             nodes[0].get_logger().warning(refusal)
+
+
+def _largest(nodes: Sequence[Node], name: str, default: int, description: str, maximum: int) -> int:
+    """Declare a parameter of the whole process on each of its nodes; return the largest value."""
+    return max(
+        declare(node, name, default, description, minimum=default, maximum=maximum, read_only=True)
+        for node in nodes
+    )
 
 
 def _make_safe(node: Node) -> int:

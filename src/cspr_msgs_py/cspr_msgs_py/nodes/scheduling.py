@@ -1,6 +1,6 @@
-"""Scheduling of a node's process: real-time priority for control, niceness for recording.
+"""Scheduling of a node's process: its CPU, real-time priority for control, niceness for recording.
 
-On Linux both belong to a thread, and the middleware has started its threads before a node can ask. So every
+On Linux these belong to a thread, and the middleware has started its threads before a node can ask. So every
 thread of the process is set; threads started later inherit from the thread that starts them.
 """
 
@@ -28,6 +28,25 @@ def set_realtime_priority(priority: int) -> str | None:
         )
     except OSError as error:
         return f"real-time priority {priority} was refused, the process keeps its normal priority: {error}"
+    return None
+
+
+def set_cpu(cpu: int) -> str | None:
+    """Let this process run on one CPU only.
+
+    The threads of an interpreter take turns in any case. Spread over several CPUs they wake one another across
+    them, with cold caches: at 250 cycles a second of eight small messages this costs more than the work itself.
+
+    Returns
+    -------
+    str or None
+        None when it is done, else why it was refused.
+    """
+    try:
+        _each_thread(lambda thread: os.sched_setaffinity(thread, {cpu}))
+    except OSError as error:
+        allowed = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+        return f"CPU {cpu} was refused, the process stays on {allowed}: {error.strerror}"
     return None
 
 
