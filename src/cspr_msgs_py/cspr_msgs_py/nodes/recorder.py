@@ -7,6 +7,7 @@ import importlib.metadata
 import platform
 import time
 from collections.abc import Iterable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from cspr_msgs_py.bag_file import Attachment, BagFile, Compression
@@ -22,17 +24,33 @@ from cspr_msgs_py.bag_writer import BagWriter
 from cspr_msgs_py.conversions import Level, diagnostic_status
 from cspr_msgs_py.errors import MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class, message_definition
-from cspr_msgs_py.nodes.process import Diagnostics, declare, run_nodes, steady_timer
+from cspr_msgs_py.nodes.process import LEAN_NODE, Diagnostics, declare, run_nodes, steady_timer
 from cspr_msgs_py.nodes.scheduling import set_niceness
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.topics import graph_topics
 
 GRAPH_PERIOD = 0.5  # s between two looks for new topics
 
-# Deeper than any publisher's history: the recorder is niced and may get its turn late.
-_DEPTH = 200
+_POLL_PERIOD = 0.02  # s
+
+# What may arrive between two polls, and much more: the recorder is niced and may get its turn late.
+_DEPTH = 500
 
 _FIXED_TOPICS = {topic.name: topic for topic in graph_topics(0)}
+
+
+@dataclass
+class _Source:
+    """A topic that is recorded, and its place in the bag once a message has come."""
+
+    name: str
+    type_name: str
+    subscription: Subscription
+    index: int | None = None
+
+
+def _never_called(message: bytes) -> None:
+    raise AssertionError("the intake's subscriptions are polled, not spun")
 
 
 class Recorder(Node):
@@ -51,6 +69,10 @@ class Recorder(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("recorder", **options)
+        # Its subscriptions are polled: to be woken for every message would cost several times more, at the
+        # expense of the control loop, than to take what has arrived fifty times a second.
+        self._intake = Node("_recorder_intake", **{**LEAN_NODE, **options})
+        self._sources: list[_Source] = []
         self._recorded: set[str] = set()
         self._refused: set[str] = set()  # topics that cannot be recorded
         self._failed = False
@@ -59,7 +81,10 @@ class Recorder(Node):
         for topic in _FIXED_TOPICS.values():
             self._record(topic.name, topic.type, qos_profile(topic))
         self._look_for_topics()
-        self._timer = steady_timer(self, GRAPH_PERIOD, self._look_for_topics)
+        self._recording_timers = (
+            steady_timer(self, GRAPH_PERIOD, self._look_for_topics),
+            steady_timer(self, _POLL_PERIOD, self._poll),
+        )
         self._diagnostics = Diagnostics(self, self._status)
         self.get_logger().info(f"recording to {self._bag.directory}")
 
@@ -67,6 +92,7 @@ class Recorder(Node):
         """Write what waits and finish the bag."""
         if self._failed:  # said already, when it ended the process
             return
+        self._poll()
         self._writer.close()
         total, dropped = sum(self._writer.counts.values()), sum(self._writer.drops.values())
         self.get_logger().info(f"recorded {total} messages, dropped {dropped}, in {self._bag.directory}")
@@ -122,18 +148,28 @@ class Recorder(Node):
 
     def _record(self, name: str, type_name: str, profile: QoSProfile) -> None:
         profile.depth = max(profile.depth, _DEPTH)
-        index: int | None = None
-        write = self._writer.write
-
-        def receive(data: bytes) -> None:
-            nonlocal index
-            now = time.time_ns()
-            if index is None:
-                index = self._writer.add_topic(self._describe(name, type_name))
-            write(index, now, now, data)  # the executor does not tell when the message was published
-
-        self.create_subscription(message_class(type_name), name, receive, profile, raw=True)
+        subscription = self._intake.create_subscription(
+            message_class(type_name), name, _never_called, profile, raw=True
+        )
+        self._sources.append(_Source(name, type_name, subscription))
         self._recorded.add(name)
+
+    def _poll(self) -> None:
+        """Hand on what has arrived since the last time."""
+        write = self._writer.write
+        for source in self._sources:
+            subscription = source.subscription
+            with subscription.handle:
+                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                    data, info = taken
+                    if source.index is None:
+                        source.index = self._writer.add_topic(self._describe(source.name, source.type_name))
+                    write(source.index, info["received_timestamp"], info["source_timestamp"], data)
+
+    def destroy_node(self) -> None:
+        """Destroy the node and the one that holds its subscriptions."""
+        self._intake.destroy_node()
+        super().destroy_node()
 
     def _describe(self, name: str, type_name: str) -> RecordedTopic:
         """Return what the bag says of a topic: what its publishers offer, and what the table knows of it."""
