@@ -215,3 +215,15 @@ def test_one_joint_of_a_message_cut_short_is_refused() -> None:
     assert codec.decode_joint(buffer[:-4], 0) is None
     with pytest.raises(MessageError):
         decode_joint(codec, buffer[:-4], 0)
+
+
+def test_one_joint_lacks_what_the_layout_does_not_carry() -> None:
+    codec = JointStateCodec(["motor_1"], position=False, velocity=False)
+    joint = codec.decode_joint(codec.encode(STAMP, effort=[1.5]), 0)
+    assert joint is not None
+    assert (joint.stamp_ns, joint.effort) == (STAMP, 1.5)
+    assert np.isnan(joint.position)
+    assert np.isnan(joint.velocity)
+    foreign = decode_joint(codec, serialize_message(message(["motor_1"], "elsewhere", effort=[2.5])), 0)
+    assert (foreign.stamp_ns, foreign.effort) == (STAMP, 2.5)
+    assert np.isnan(foreign.position)

@@ -6,6 +6,7 @@ are those of an ordinary publisher, so any ROS 2 tool reads them. A message in a
 here but by :func:`cspr_msgs_py.joint_state_conversion.decode_joint_state`.
 """
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ class JointStateSample:
 
 
 class JointSample(NamedTuple):
-    """One joint of a JointState that carries all fields: stamp in ns, then rad, rad/s and N m."""
+    """One joint of a JointState: stamp in ns, then rad, rad/s and N m; NaN for what it does not carry."""
 
     stamp_ns: int
     position: float
@@ -95,6 +96,7 @@ class JointStateCodec:
                 offsets[field] = template.doubles(len(self.names))
         self._frame = template.finish()
         self._offsets = offsets
+        self._field_offsets = tuple(offsets.get(field) for field in FIELDS)
         self.size = self._frame.size
 
     def encode(
@@ -145,17 +147,20 @@ class JointStateCodec:
         )
 
     def decode_joint(self, buffer: Bytes, index: int) -> JointSample | None:
-        """Return one joint of a message whose layout carries all fields, or None for another layout.
+        """Return one joint of a message, NaN for fields that it does not carry, or None for another layout.
 
         It costs half of `decode`: each motor controller wants one motor of all, twice a cycle.
         """
         if not self._frame.matches(buffer):
             return None
         shift = 8 * index
-        position, velocity, effort = (
-            _ONE_DOUBLE(buffer, self._offsets[field] + shift)[0] for field in FIELDS
+        position, velocity, effort = self._field_offsets
+        return JointSample(
+            unpack_time(buffer, self._stamp_offset),
+            math.nan if position is None else _ONE_DOUBLE(buffer, position + shift)[0],
+            math.nan if velocity is None else _ONE_DOUBLE(buffer, velocity + shift)[0],
+            math.nan if effort is None else _ONE_DOUBLE(buffer, effort + shift)[0],
         )
-        return JointSample(unpack_time(buffer, self._stamp_offset), position, velocity, effort)
 
     def _field(self, data: bytes, field: str) -> NDArray[np.float64]:
         offset = self._offsets.get(field)

@@ -5,6 +5,8 @@ Any other ROS 2 publisher may order the joints differently, set a ``frame_id`` o
 messages are deserialised the ordinary way and brought into the order that the codec has.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
@@ -64,12 +66,8 @@ def decode_joint(codec: JointStateCodec, buffer: Bytes, index: int) -> JointSamp
     if joint is not None:
         return joint
     sample = decode_joint_state(codec, buffer)
-    return JointSample(
-        sample.stamp_ns,
-        float(sample.position[index]),
-        float(sample.velocity[index]),
-        float(sample.effort[index]),
-    )
+    fields = (sample.position, sample.velocity, sample.effort)
+    return JointSample(sample.stamp_ns, *(float(f[index]) if f.size else math.nan for f in fields))
 
 
 def _empty() -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from cspr_drivers.nodes.driver_messages import bus_status, drive_diagnostics, dr
 from cspr_msgs_py.conversions import diagnostic_array
 from cspr_msgs_py.errors import MessageError, StartError
 from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
+from cspr_msgs_py.joint_state_conversion import decode_joint
 from cspr_msgs_py.nodes.process import (
     Diagnostics,
     advertise,
@@ -119,11 +119,11 @@ class CanDrives(Node):
 
     def _command(self, index: int, codec: JointStateCodec, buffer: bytes) -> None:
         try:
-            sample = decode_joint_state(codec, buffer)
+            command = decode_joint(codec, buffer, 0)
         except MessageError as error:
             self._master.reject_command(index, str(error))
             return
-        self._master.command(index, sample.stamp_ns, float(sample.effort[0]))
+        self._master.command(index, command.stamp_ns, command.effort)
 
     def _quick_stop(self) -> None:
         self._master.quick_stop("quick stop commanded")
