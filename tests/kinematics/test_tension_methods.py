@@ -26,7 +26,7 @@ BOUNDED = ("closest", "centroid", "analytic_center")
 
 
 def wrench_matrix(m: int, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """A (..., 6, m) of a robot made for the purpose: m cables from a ring to crossed anchors on two levels."""
+    """A (..., 6, m) of a robot made for this: m cables from a ring to anchors on two levels, crossed."""
     around = 2.0 * np.pi * np.arange(m) / m
     exits = np.column_stack((3.0 * np.cos(around), 2.0 * np.sin(around), np.full(m, 3.0)))
     crossed = around + np.where(np.arange(m) % 2, 1.9, -1.9)
