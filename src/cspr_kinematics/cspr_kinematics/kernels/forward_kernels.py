@@ -23,6 +23,10 @@ _COST_ROUNDING = 1.0 + 1e-12
 # Without a guess: a pose that fits this well (root of the mean square, m) ends the search.
 _EXACT_FIT = 1e-7
 _POSITION_ITERATIONS = 12
+# Square sums of errors within this factor of the least are explained by noise about as well.
+_ABOUT_AS_WELL = 30.0
+# Errors of this share of what is accepted at most are taken for noise.
+_NOISE_SHARE = 0.2
 
 # How the iteration for one pose ended.
 CONVERGED = 0
@@ -175,26 +179,27 @@ def _search(
     center: FloatArray,
     target: FloatArray,
     weights: FloatArray,
+    noise: float,
     max_iterations: int,
     position: FloatArray,
     rotation: FloatArray,
     error: FloatArray,
     jacobian: FloatArray,
 ) -> tuple[int, int, float]:
-    """Find the pose without a guess: the best fit below the frame from several orientations (s, 3, 3).
+    """Find a pose without a guess: a fit below the frame, from orientations (s, 3, 3), the first at home.
 
     For each, the position alone is found first, from `center`, which is a well-behaved problem; then the
-    pose.
+    pose. The search ends with an exact fit. Lengths with errors have none, and a platform that is small
+    beside them fits about as well turned over: of the poses that fit about as well as the best, or whose
+    errors have a root mean square below `noise`, the one turned least from home is taken.
     """
     m = geometry.shape[0]
+    count = starts.shape[0]
     p, Q, e, J = np.empty(3), np.empty((3, 3)), np.empty(m), np.empty((m, 6))
-    best_status, best_cost, total = ITERATION_LIMIT, math.inf, 0
-    fill_vector(error, math.nan)
-    fill_matrix(jacobian, math.nan)
-    assign_vector(position, center)
-    assign_matrix(rotation, starts[0])
-    _evaluate(geometry, target, weights, position, rotation, error, jacobian)
-    for s in range(starts.shape[0]):
+    positions, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
+    statuses, costs = np.empty(count, dtype=np.int64), np.full(count, math.inf)
+    best_cost, total, exact = math.inf, 0, -1
+    for s in range(count):
         assign_vector(p, center)
         assign_matrix(Q, starts[s])
         status, cost = CONVERGED, math.inf
@@ -211,18 +216,35 @@ def _search(
                     p[j] -= 2.0 * height * frame[j]
         if status == BEYOND_PULLEY or _above(geometry, frame, p, Q):
             continue
-        # a later start must be clearly better: the first is the orientation at home
-        if cost < 0.5 * best_cost:
-            best_status, best_cost = status, cost
-            assign_vector(position, p)
-            assign_matrix(rotation, Q)
-            assign_vector(error, e)
-            assign_matrix(jacobian, J)
-        if best_status == CONVERGED and 2.0 * best_cost <= m * _EXACT_FIT * _EXACT_FIT:
+        statuses[s], costs[s] = status, cost
+        assign_vector(positions[s], p)
+        assign_matrix(rotations[s], Q)
+        best_cost = min(best_cost, cost)
+        if status == CONVERGED and 2.0 * cost <= m * _EXACT_FIT * _EXACT_FIT:
+            exact = s
             break
     if best_cost == math.inf:
-        best_status = ABOVE_FRAME
-    return best_status, total, best_cost
+        fill_vector(error, math.nan)
+        fill_matrix(jacobian, math.nan)
+        assign_vector(position, center)
+        assign_matrix(rotation, starts[0])
+        return ABOVE_FRAME, total, best_cost
+
+    chosen, least_turned = exact, -math.inf
+    acceptable = max(_ABOUT_AS_WELL * best_cost, 0.5 * m * noise * noise)
+    for s in range(count):
+        if exact < 0 and costs[s] <= acceptable:
+            # 1 + 2 cos of the angle from the orientation at home; any minimum that was reached goes before
+            turned = 4.0 if statuses[s] == CONVERGED else 0.0
+            for i in range(3):
+                for j in range(3):
+                    turned += rotations[s, i, j] * starts[0, i, j]
+            if turned > least_turned:
+                chosen, least_turned = s, turned
+    assign_vector(position, positions[chosen])
+    assign_matrix(rotation, rotations[chosen])
+    cost = _evaluate(geometry, target, weights, position, rotation, error, jacobian)
+    return int(statuses[chosen]), total, cost
 
 
 @kernel
@@ -367,6 +389,7 @@ def forward_at_poses(
                 center,
                 targets[n],
                 weights,
+                _NOISE_SHARE * max_residual,
                 max_iterations,
                 p,
                 Q,
