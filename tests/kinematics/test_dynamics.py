@@ -39,8 +39,11 @@ def mujoco_wrench(body: RigidBody, motion: tuple[Pose, Twist, Acceleration]) -> 
     their derivatives and forces.
     """
     pose, twist, acceleration = motion
-    inertia = body.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    numbers = {"pos": body.center_of_mass, "fullinertia": inertia}
+    # principal moments and axes, because MuJoCo 3.2 finds those of a full tensor to eight digits only
+    moments, axes = np.linalg.eigh(body.inertia)
+    axes *= np.sign(np.linalg.det(axes))
+    quaternion = np.roll(Pose(np.zeros(3), axes).quaternion, 1)
+    numbers = {"pos": body.center_of_mass, "quat": quaternion, "diaginertia": moments}
     attributes = " ".join(f'{k}="{" ".join(repr(float(x)) for x in v)}"' for k, v in numbers.items())
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><option gravity="0 0 {GRAVITY[2]}"/><worldbody><body><freejoint/>'

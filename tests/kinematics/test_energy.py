@@ -38,8 +38,13 @@ class FreePlatform:
     """MuJoCo's free body with the mass properties of a robot's platform and payload."""
 
     def __init__(self, body: RigidBody) -> None:
-        inertia = body.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        numbers = {"pos": body.center_of_mass, "fullinertia": inertia}
+        moments, axes = np.linalg.eigh(body.inertia)
+        axes *= np.sign(np.linalg.det(axes))
+        numbers = {
+            "pos": body.center_of_mass,
+            "quat": np.roll(Pose(np.zeros(3), axes).quaternion, 1),
+            "diaginertia": moments,
+        }
         attributes = " ".join(f'{k}="{" ".join(repr(float(x)) for x in v)}"' for k, v in numbers.items())
         self.model = mujoco.MjModel.from_xml_string(
             f'<mujoco><option gravity="0 0 {GRAVITY[2]}" timestep="1e-3" integrator="RK4">'

@@ -91,6 +91,8 @@ def test_no_mirror_image_above_the_frame(
     assert solution.converged.all()
     assert np.all(solution.pose.position[:, 2] < robot.exit_points[:, 2].mean())
     np.testing.assert_allclose(solution.pose.position, pose.position, atol=0.1)
+    cosine = 0.5 * (np.einsum("nij,nij->n", solution.pose.rotation, pose.rotation) - 1.0)
+    assert np.rad2deg(np.arccos(cosine.min())) < 20.0, "turned over"
 
 
 def test_a_flat_platform_has_an_exact_mirror_image(robot: Robot, rng: np.random.Generator) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from cspr_kinematics import InvalidInputError, Pose, Robot, cable_interference, inverse_kinematics
+from cspr_kinematics import InvalidInputError, Pose, Pulleys, Robot, cable_interference, inverse_kinematics
 from cspr_kinematics.kernels.interference_kernels import segment_box_distance_kernel, segment_distance_kernel
 
 triples = st.tuples(*[st.floats(-2.0, 2.0).map(lambda v: round(v, 3))] * 3).map(np.array)
@@ -93,6 +93,17 @@ def test_the_base_frame_does_not_matter(robot: Robot) -> None:
     before, after = cable_interference(robot, pose), cable_interference(moved, there)
     np.testing.assert_allclose(after.pair_distances, before.pair_distances, atol=1e-9)
     np.testing.assert_allclose(after.platform_distances, before.platform_distances, atol=1e-9)
+
+
+def test_cables_end_where_they_leave_their_pulleys(robot: Robot) -> None:
+    """Of two cables side by side, both over a pulley, the upper ends come nearest to each other."""
+    over = robot.with_geometry(pulleys=Pulleys(0.05))
+    cables = inverse_kinematics(over, robot.home)
+    ends = robot.home.position + cables.arms + cables.free_lengths[:, None] * cables.directions
+    result = cable_interference(over, robot.home)
+    distance = float(result.pair_distances[(result.pairs == [1, 2]).all(axis=1)][0])
+    assert distance == pytest.approx(np.linalg.norm(ends[0] - ends[1]), rel=0.2)
+    assert distance != pytest.approx(cable_interference(robot, robot.home).pair_distances[0], abs=1e-4)
 
 
 def test_a_box_of_ones_own(cogiro: Robot) -> None:

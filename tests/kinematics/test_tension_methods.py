@@ -26,16 +26,16 @@ BOUNDED = ("closest", "centroid", "analytic_center")
 
 
 def wrench_matrix(m: int, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """A robot made for the purpose: m cables from a ring, crossed to a ring of anchors on two levels."""
+    """A (..., 6, m) of a robot made for this: m cables from a ring to anchors on two levels, crossed."""
     around = 2.0 * np.pi * np.arange(m) / m
     exits = np.column_stack((3.0 * np.cos(around), 2.0 * np.sin(around), np.full(m, 3.0)))
     crossed = around + np.where(np.arange(m) % 2, 1.9, -1.9)
     height = np.where(np.arange(m) % 2, 0.25, -0.25)
     anchors = np.column_stack((0.3 * np.cos(crossed), 0.3 * np.sin(crossed), height))
     arms = anchors @ rotation.T
-    vectors = exits - position - arms
-    directions = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    return np.concatenate((directions, np.cross(arms, directions)), axis=1).T
+    vectors = exits - position[..., None, :] - arms
+    directions = vectors / np.linalg.norm(vectors, axis=-1)[..., None]
+    return np.concatenate((directions, np.cross(arms, directions)), axis=-1).swapaxes(-1, -2)
 
 
 def at_pose(m: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -98,12 +98,8 @@ def test_tensions_are_continuous_into_infeasibility_and_back(m: int) -> None:
     largest = {}
     for points in (4000, 12000):
         phase = np.linspace(0.0, 2.0 * np.pi, points)
-        A = np.stack(
-            [
-                wrench_matrix(m, np.array([np.cos(s), 0.6 * np.sin(s), 1.0]), np.eye(3))
-                for s in phase
-            ]
-        )  # fmt: skip
+        path = np.column_stack((np.cos(phase), 0.6 * np.sin(phase), np.ones(points)))
+        A = wrench_matrix(m, path, np.eye(3))
         w = np.zeros((points, 6))
         w[:, 2] = 2000.0 + 1500.0 * np.sin(2.0 * phase)
         w[:, 0] = 400.0 * np.cos(3.0 * phase)

@@ -12,6 +12,7 @@ from cspr_kinematics import (
     InvalidInputError,
     KinematicsError,
     Pose,
+    Pulleys,
     Robot,
     Task,
     Workspace,
@@ -83,6 +84,17 @@ def test_poses_out_of_reach_are_not_feasible(robot: Robot) -> None:
     assert np.isfinite(workspace.margin).sum() == 26
     assert workspace.volume == 0.0
     assert workspace.distance_to_boundary(there) == -np.inf
+
+
+def test_pulleys_change_the_workspace(robot: Robot) -> None:
+    over = robot.with_geometry(pulleys=Pulleys(0.05))
+    options = {"lower": LOWER, "upper": UPPER, "spacing": 0.4}
+    plain, pulleys = (explore_workspace(r, TASK, **options) for r in (robot, over))
+    place = 3, 2, 4
+    position = [axis[i] for axis, i in zip((plain.x, plain.y, plain.z), place, strict=True)]
+    assert pulleys.margin[place] == assess_task(over, Pose(position, np.eye(3)), TASK).margin
+    assert pulleys.margin[place] != plain.margin[place]
+    assert pulleys.volume == pytest.approx(plain.volume, rel=0.05)
 
 
 @pytest.mark.parametrize(("n", "tolerance"), [(11, 0.05), (31, 0.006)])

@@ -16,7 +16,6 @@ from .forward_kinematics import (
     ForwardKinematicsSolution,
     ForwardKinematicsStatus,
     forward_kinematics,
-    pose_covariance,
     solve_forward_kinematics,
 )
 from .interference import Interference, NearestPair, cable_interference
@@ -24,6 +23,7 @@ from .inverse_kinematics import Cables, cable_lengths, inverse_kinematics
 from .kernels.tension_kernels import TensionStatus
 from .motion import Motion, PoseSpline, motion_from_euler, motion_from_quaternion
 from .pose import Acceleration, Pose, Twist
+from .pose_accuracy import pose_covariance
 from .pulleys import Pulleys
 from .rigid_body import Payload, RigidBody, combine
 from .robot import Robot, home_lengths

@@ -2,45 +2,25 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import BoolArray, FloatArray, IntArray, broadcast_batch, checked, frozen, positive_number
 from .compiled import in_batch, in_chunks, kernel_input
-from .errors import ForwardKinematicsError, InvalidInputError, SingularWrenchMatrixError
-from .inverse_kinematics import inverse_kinematics
+from .errors import ForwardKinematicsError, InvalidInputError
 from .kernels import forward_kernels as kernels
-from .kernels.forward_kernels import GRADIENT_TOLERANCE
+from .kernels import pose_iteration as iteration
 from .pose import Pose
+from .pose_accuracy import covariance as covariance_of
+from .pose_accuracy import largest_misfit, length_deviations
+from .pose_search import pose_search
 from .robot import Robot
-from .so3 import rotation_from_vector
 
-__all__ = [
-    "GRADIENT_TOLERANCE",
-    "ForwardKinematicsSolution",
-    "ForwardKinematicsStatus",
-    "forward_kinematics",
-    "pose_covariance",
-    "solve_forward_kinematics",
-]
-
-# Lengths whose errors exceed what noise explains once in this many cases are reported, as normal quantile
-# 1e-4.
-_MISFIT_QUANTILE = 3.719
-# Exit points count as lying in a plane when they are off it by less than this share of their extent.
-_FLATNESS = 0.1
-# Orientations tried without a guess, besides that of the home pose: turned and tilted from it by these
-# angles, rad.
-_TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4, 3.14)
-_TILTS = (0.0, 0.6, -0.6)
-_SINGULAR = 1e-10
 # Below this many problems a thread costs more than it saves.
 _LEAST_PER_THREAD = 200
 
@@ -48,9 +28,9 @@ _LEAST_PER_THREAD = 200
 class ForwardKinematicsStatus(IntEnum):
     """How the search for one pose ended."""
 
-    CONVERGED = kernels.CONVERGED
+    CONVERGED = iteration.CONVERGED
     """A pose that fits the lengths."""
-    ITERATION_LIMIT = kernels.ITERATION_LIMIT
+    ITERATION_LIMIT = iteration.ITERATION_LIMIT
     """No minimum reached within the limit on iterations."""
     NO_POSE_FITS = kernels.NO_POSE_FITS
     """The nearest pose leaves length errors beyond what is accepted."""
@@ -58,7 +38,7 @@ class ForwardKinematicsStatus(IntEnum):
     """As before, but without the cables in `slack` the others fit."""
     ABOVE_FRAME = kernels.ABOVE_FRAME
     """What fits lies on the other side of the frame, where no suspended platform is."""
-    BEYOND_PULLEY = kernels.BEYOND_PULLEY
+    BEYOND_PULLEY = iteration.BEYOND_PULLEY
     """At the guess a cable cannot reach its pulley."""
 
 
@@ -172,30 +152,6 @@ def solve_forward_kinematics(
     return _solve(robot, lengths, guess, max_residual, max_iterations, length_deviation, threads)[0]
 
 
-def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> FloatArray:
-    """Return the covariance of a pose found from uncertain lengths, shape (..., 6, 6).
-
-    Of position and rotation vector in base axes, (m, rad), for least squares weighted with the deviations.
-
-    Parameters
-    ----------
-    robot : Robot
-    pose : Pose
-    length_deviation : float or array_like, shape (m,)
-        Standard deviations of the independent length errors, m.
-
-    Raises
-    ------
-    SingularWrenchMatrixError
-        If the lengths do not determine the pose there.
-    InvalidInputError
-        If the deviations are not positive and finite or have another shape.
-    """
-    deviation = _deviations(length_deviation, robot.number_of_cables)
-    J = inverse_kinematics(robot, pose).jacobian
-    return _covariance(J, deviation, np.ones(pose.batch_shape, dtype=np.bool_))
-
-
 def _solve(
     robot: Robot,
     lengths: ArrayLike,
@@ -210,7 +166,7 @@ def _solve(
     target = checked("lengths", lengths, m)
     limit = positive_number("max_residual", max_residual)
     batch = target.shape[:-1]
-    search = _search_of(robot)
+    search = pose_search(robot)
     if guess is None:
         guess_position, guess_rotation = search.center, search.starts[0]
     else:
@@ -223,9 +179,9 @@ def _solve(
         if batch != target.shape[:-1]:
             target = np.broadcast_to(target, (*batch, m))
     n = math.prod(batch)
-    weights, deviation, largest_misfit = search.ones, search.ones, search.no_misfit
+    weights, deviation, misfit = search.ones, search.ones, search.no_misfit
     if length_deviation is not None:
-        deviation, largest_misfit = _deviations(length_deviation, m), _largest_misfit(m)
+        deviation, misfit = length_deviations(length_deviation, m), largest_misfit(m)
         weights = frozen((deviation.min() / deviation) ** 2)
 
     targets = kernel_input(target, n, m)
@@ -236,7 +192,7 @@ def _solve(
     status, converged = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     guided = guess is not None
     starting = robot.path_geometry, search.frame, search.starts, search.center, search.home
-    limits = weights, deviation, limit, largest_misfit, int(max_iterations)
+    limits = weights, deviation, limit, misfit, int(max_iterations)
     outputs = position, rotation, error, jacobian, status, converged, slack
 
     def solve(first: int, end: int) -> None:
@@ -256,7 +212,7 @@ def _solve(
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
     covariance = None
     if length_deviation is not None:
-        covariance = in_batch(_covariance(jacobian, deviation, converged), batch)
+        covariance = in_batch(covariance_of(jacobian, deviation, converged), batch)
     return (
         ForwardKinematicsSolution(
             Pose.trusted(in_batch(position, batch), in_batch(rotation, batch)),
@@ -271,87 +227,6 @@ def _solve(
     )
 
 
-class _Search(NamedTuple):
-    """What the search without a guess starts from, and arrays of constant content for the kernels."""
-
-    frame: FloatArray  # (4,): the plane n^T x = d, n upwards, above which no platform hangs
-    starts: FloatArray  # (s, 3, 3)
-    center: FloatArray  # (3,): middle of the workspace
-    home: FloatArray  # (12,): position and rotation
-    ones: FloatArray  # (m,)
-    no_misfit: FloatArray  # (m + 1,)
-
-
-@functools.lru_cache(maxsize=16)
-def _search_of(robot: Robot) -> _Search:
-    m = robot.number_of_cables
-    base = robot.home.rotation
-    turned = [
-        rotation_from_vector(np.array([0.0, 0.0, turn])) @ base @ rotation_from_vector(np.array([x, y, 0.0]))
-        for turn, x, y in sorted(product(_TURNS, _TILTS, _TILTS), key=lambda v: math.hypot(*v))
-    ]
-    return _Search(
-        frozen(_frame_plane(robot)),
-        frozen(np.array(turned)),
-        frozen(0.5 * (robot.workspace_min + robot.workspace_max)),
-        frozen(np.concatenate((robot.home.position, base.ravel()))),
-        frozen(np.ones(m)),
-        frozen(np.full(m + 1, np.inf)),
-    )
-
-
-def _frame_plane(robot: Robot) -> FloatArray:
-    """Return (n, d) of the exit points' plane, or of the level one through the highest if they form none."""
-    exits = robot.exit_points
-    middle = exits.mean(axis=0)
-    _, extents, axes = np.linalg.svd(exits - middle)
-    normal = axes[2] * np.sign(axes[2, 2])
-    if extents[2] < _FLATNESS * extents[1] and normal[2] > 0.5:
-        return np.append(normal, normal @ middle)
-    return np.array([0.0, 0.0, 1.0, exits[:, 2].max()])
-
-
-@functools.lru_cache(maxsize=64)
-def _largest_misfit(m: int) -> FloatArray:
-    """Return the weighted square sum of errors of k = 0..m cables that noise exceeds once in 10,000 cases.
-
-    By the approximation of Wilson and Hilferty to the quantile of chi-squared with k - 6 degrees of freedom.
-    """
-    freedom = np.maximum(np.arange(m + 1) - 6.0, 1.0)
-    spread = 2.0 / (9.0 * freedom)
-    quantile = freedom * (1.0 - spread + _MISFIT_QUANTILE * np.sqrt(spread)) ** 3
-    quantile[:7] = np.inf  # six lengths fit any six
-    return frozen(quantile)
-
-
-def _deviations(length_deviation: ArrayLike, m: int) -> FloatArray:
-    deviation = checked("length_deviation", length_deviation)
-    if deviation.shape not in ((), (m,)):
-        raise InvalidInputError(
-            "length_deviation", length_deviation, f"shape {deviation.shape} where () or ({m},) is needed"
-        )
-    if deviation.min() <= 0.0:
-        raise InvalidInputError("length_deviation", length_deviation, "must be positive")
-    return frozen(np.broadcast_to(deviation, (m,)))
-
-
-def _covariance(jacobian: FloatArray, deviation: FloatArray, wanted: BoolArray) -> FloatArray:
-    """Return (J^T S^-1 J)^-1 for members that are wanted, not-a-number for the others."""
-    result = np.full((*wanted.shape, 6, 6), np.nan)
-    J = jacobian[wanted]
-    if not J.size:
-        return result
-    _, singular, _ = np.linalg.svd(J)
-    flat = singular[:, -1] <= _SINGULAR * singular[:, 0]
-    if flat.any():
-        k = int(np.argmax(flat))
-        index = tuple(int(i) for i in np.argwhere(wanted)[k])
-        raise SingularWrenchMatrixError("the lengths do not determine the pose", -J[k].T, singular[k], index)
-    inverse = np.linalg.pinv(J / deviation[:, None])
-    result[wanted] = inverse @ inverse.swapaxes(-1, -2)
-    return result
-
-
 def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> ForwardKinematicsError:
     failed = ~solution.converged
     statuses = solution.status[failed]
@@ -360,7 +235,7 @@ def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> Forwar
     worst = float(np.nanmax(errors)) if np.isfinite(errors).any() else math.nan
     advice = {
         kernels.ABOVE_FRAME: "What fits lies above the frame, where no suspended platform is",
-        kernels.BEYOND_PULLEY: "At the guess a cable cannot reach its pulley",
+        iteration.BEYOND_PULLEY: "At the guess a cable cannot reach its pulley",
     }.get(int(statuses[0]), "Check that the lengths belong to this robot, and start from a nearer guess")
     slack = solution.slack[failed].reshape(-1, solution.slack.shape[-1])
     with_slack = slack[slack.any(axis=-1)]

@@ -266,6 +266,7 @@ def explore_workspace(
     total = count * len(angles)
     if total > _MOST_POSES:
         raise InvalidInputError("spacing", spacing, f"{total} poses; {_MOST_POSES} are the most")
+    positive_number("lever", lever)
     if threads < 1:
         raise InvalidInputError("threads", threads, "at least one is needed")
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(count, 3)
@@ -282,9 +283,6 @@ def explore_workspace(
             largest[part] = np.minimum(largest[part], values[2])
         return len(margin[part]) * len(rotations)
 
-    assess_task(
-        robot, Pose(robot.home.position, rotations[0]), task, lever=lever
-    )  # bad input and compilation
     done = 0
     with ThreadPoolExecutor(threads) as pool:
         parts = [pool.submit(assess, first) for first in range(0, count, _CHUNK)]

@@ -1,4 +1,4 @@
-"""Pose from cable lengths by Levenberg-Marquardt iteration (docs/model.md, section 5)."""
+"""Forward kinematics from a guess or by search without one, and the look for slack cables (docs/model.md)."""
 
 from __future__ import annotations
 
@@ -8,137 +8,22 @@ import numpy as np
 
 from ..arrays import BoolArray, FloatArray, IntArray
 from ..compiled import kernel
-from .cable_kernels import ON_SWIVEL_AXIS, PATH_EXISTS, cable_path
-from .linear_kernels import assign_matrix, assign_vector, fill_matrix, fill_vector, solve_positive
-from .rotation_kernels import orthonormalise, turn
+from .linear_kernels import assign_matrix, assign_vector, fill_matrix, fill_vector
+from .pose_iteration import BEYOND_PULLEY, CONVERGED, improve_pose, length_errors
+from .rotation_kernels import orthonormalise
 
-# The gradient J^T e of half the squared length errors, below which a pose is a minimum, m. For a
-# well-conditioned Jacobian the pose is then within about the same distance of it.
-GRADIENT_TOLERANCE = 1e-9
-_INITIAL_DAMPING = 1e-6
-_LEAST_DAMPING = 1e-12
-_LARGEST_DAMPING = 1e12
-# Allowance for rounding when costs are compared: close to the minimum all steps change them by less.
-_COST_ROUNDING = 1.0 + 1e-12
 # Without a guess: a pose that fits this well (root of the mean square, m) ends the search.
 _EXACT_FIT = 1e-7
 _POSITION_ITERATIONS = 12
+# Square sums of errors within this factor of the least are explained by noise about as well.
+_ABOUT_AS_WELL = 30.0
+# Errors of this share of what is accepted at most are taken for noise.
+_NOISE_SHARE = 0.2
 
-# How the iteration for one pose ended.
-CONVERGED = 0
-ITERATION_LIMIT = 1
+# How a search ended, besides the ways in which an iteration does.
 NO_POSE_FITS = 2
 SLACK_CABLE = 3
 ABOVE_FRAME = 4
-BEYOND_PULLEY = 5
-
-
-@kernel
-def _evaluate(
-    geometry: FloatArray,
-    target: FloatArray,
-    weights: FloatArray,
-    position: FloatArray,
-    rotation: FloatArray,
-    error: FloatArray,
-    jacobian: FloatArray,
-) -> float:
-    """Fill in length errors and Jacobian; return half their weighted square sum, infinite without a path."""
-    cost = 0.0
-    for i in range(geometry.shape[0]):
-        bx, by, bz = geometry[i, 3], geometry[i, 4], geometry[i, 5]
-        rx = rotation[0, 0] * bx + rotation[0, 1] * by + rotation[0, 2] * bz
-        ry = rotation[1, 0] * bx + rotation[1, 1] * by + rotation[1, 2] * bz
-        rz = rotation[2, 0] * bx + rotation[2, 1] * by + rotation[2, 2] * bz
-        fault, length, _, ux, uy, uz = cable_path(
-            position[0] + rx - geometry[i, 0],
-            position[1] + ry - geometry[i, 1],
-            position[2] + rz - geometry[i, 2],
-            geometry[i, 6],
-            geometry[i, 7],
-            geometry[i, 8],
-            geometry[i, 9],
-        )
-        if fault not in (PATH_EXISTS, ON_SWIVEL_AXIS):
-            return math.inf
-        error[i] = length - target[i]
-        cost += 0.5 * weights[i] * error[i] * error[i]
-        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = -ux, -uy, -uz
-        jacobian[i, 3] = rz * uy - ry * uz
-        jacobian[i, 4] = rx * uz - rz * ux
-        jacobian[i, 5] = ry * ux - rx * uy
-    return cost
-
-
-@kernel
-def _iterate(
-    geometry: FloatArray,
-    target: FloatArray,
-    weights: FloatArray,
-    unknowns: int,
-    max_iterations: int,
-    position: FloatArray,
-    rotation: FloatArray,
-    error: FloatArray,
-    jacobian: FloatArray,
-) -> tuple[int, int, float]:
-    """Improve a pose in place; with 3 unknowns the position alone. Return status, iterations and cost."""
-    m = geometry.shape[0]
-    trial_position, trial_rotation = np.empty(3), np.empty((3, 3))
-    trial_error, trial_jacobian = np.empty(m), np.empty((m, 6))
-    normal, damped = np.empty((unknowns, unknowns)), np.empty((unknowns, unknowns))
-    gradient, step = np.empty(unknowns), np.empty(unknowns)
-    damping = _INITIAL_DAMPING
-    cost = _evaluate(geometry, target, weights, position, rotation, error, jacobian)
-    if cost == math.inf:
-        return BEYOND_PULLEY, 0, cost
-    iterations = 0
-    improved = True
-    while True:
-        if improved:
-            largest = 0.0
-            for j in range(unknowns):
-                value = 0.0
-                for i in range(m):
-                    value += jacobian[i, j] * weights[i] * error[i]
-                gradient[j] = value
-                largest = max(largest, abs(value))
-                for k in range(j + 1):
-                    value = 0.0
-                    for i in range(m):
-                        value += jacobian[i, j] * weights[i] * jacobian[i, k]
-                    normal[j, k] = value
-            if largest <= GRADIENT_TOLERANCE:
-                return CONVERGED, iterations, cost
-        if iterations >= max_iterations or damping > _LARGEST_DAMPING:
-            return ITERATION_LIMIT, iterations, cost
-        iterations += 1
-        for j in range(unknowns):
-            for k in range(j + 1):
-                damped[j, k] = normal[j, k]
-            damped[j, j] += damping
-            step[j] = -gradient[j]
-        improved = False
-        if solve_positive(damped, step):
-            for j in range(3):
-                trial_position[j] = position[j] + step[j]
-            if unknowns == 6:
-                turn(step[3], step[4], step[5], rotation, trial_rotation)
-            else:
-                assign_matrix(trial_rotation, rotation)
-            trial_cost = _evaluate(
-                geometry, target, weights, trial_position, trial_rotation, trial_error, trial_jacobian
-            )
-            improved = trial_cost <= cost * _COST_ROUNDING
-        if improved:
-            assign_vector(position, trial_position)
-            assign_matrix(rotation, trial_rotation)
-            assign_vector(error, trial_error)
-            assign_matrix(jacobian, trial_jacobian)
-            cost = trial_cost
-            damping = max(0.1 * damping, _LEAST_DAMPING)
-        else:
-            damping *= 10.0
 
 
 @kernel
@@ -175,32 +60,33 @@ def _search(
     center: FloatArray,
     target: FloatArray,
     weights: FloatArray,
+    noise: float,
     max_iterations: int,
     position: FloatArray,
     rotation: FloatArray,
     error: FloatArray,
     jacobian: FloatArray,
 ) -> tuple[int, int, float]:
-    """Find the pose without a guess: the best fit below the frame from several orientations (s, 3, 3).
+    """Find a pose without a guess: a fit below the frame, from orientations (s, 3, 3), the first at home.
 
     For each, the position alone is found first, from `center`, which is a well-behaved problem; then the
-    pose.
+    pose. The search ends with an exact fit. Lengths with errors have none, and a platform that is small
+    beside them fits about as well turned over: of the poses that fit about as well as the best, or whose
+    errors have a root mean square below `noise`, the one turned least from home is taken.
     """
     m = geometry.shape[0]
+    count = starts.shape[0]
     p, Q, e, J = np.empty(3), np.empty((3, 3)), np.empty(m), np.empty((m, 6))
-    best_status, best_cost, total = ITERATION_LIMIT, math.inf, 0
-    fill_vector(error, math.nan)
-    fill_matrix(jacobian, math.nan)
-    assign_vector(position, center)
-    assign_matrix(rotation, starts[0])
-    _evaluate(geometry, target, weights, position, rotation, error, jacobian)
-    for s in range(starts.shape[0]):
+    positions, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
+    statuses, costs = np.empty(count, dtype=np.int64), np.full(count, math.inf)
+    best_cost, total, exact = math.inf, 0, -1
+    for s in range(count):
         assign_vector(p, center)
         assign_matrix(Q, starts[s])
         status, cost = CONVERGED, math.inf
         for stage in range(2):
             unknowns, limit = (3, _POSITION_ITERATIONS) if stage == 0 else (6, max_iterations)
-            status, iterations, cost = _iterate(geometry, target, weights, unknowns, limit, p, Q, e, J)
+            status, iterations, cost = improve_pose(geometry, target, weights, unknowns, limit, p, Q, e, J)
             total += iterations
             if status == BEYOND_PULLEY:
                 break
@@ -211,18 +97,35 @@ def _search(
                     p[j] -= 2.0 * height * frame[j]
         if status == BEYOND_PULLEY or _above(geometry, frame, p, Q):
             continue
-        # a later start must be clearly better: the first is the orientation at home
-        if cost < 0.5 * best_cost:
-            best_status, best_cost = status, cost
-            assign_vector(position, p)
-            assign_matrix(rotation, Q)
-            assign_vector(error, e)
-            assign_matrix(jacobian, J)
-        if best_status == CONVERGED and 2.0 * best_cost <= m * _EXACT_FIT * _EXACT_FIT:
+        statuses[s], costs[s] = status, cost
+        assign_vector(positions[s], p)
+        assign_matrix(rotations[s], Q)
+        best_cost = min(best_cost, cost)
+        if status == CONVERGED and 2.0 * cost <= m * _EXACT_FIT * _EXACT_FIT:
+            exact = s
             break
     if best_cost == math.inf:
-        best_status = ABOVE_FRAME
-    return best_status, total, best_cost
+        fill_vector(error, math.nan)
+        fill_matrix(jacobian, math.nan)
+        assign_vector(position, center)
+        assign_matrix(rotation, starts[0])
+        return ABOVE_FRAME, total, best_cost
+
+    chosen, least_turned = exact, -math.inf
+    acceptable = max(_ABOUT_AS_WELL * best_cost, 0.5 * m * noise * noise)
+    for s in range(count):
+        if exact < 0 and costs[s] <= acceptable:
+            # 1 + 2 cos of the angle from the orientation at home; any minimum that was reached goes before
+            turned = 4.0 if statuses[s] == CONVERGED else 0.0
+            for i in range(3):
+                for j in range(3):
+                    turned += rotations[s, i, j] * starts[0, i, j]
+            if turned > least_turned:
+                chosen, least_turned = s, turned
+    assign_vector(position, positions[chosen])
+    assign_matrix(rotation, rotations[chosen])
+    cost = length_errors(geometry, target, weights, position, rotation, error, jacobian)
+    return int(statuses[chosen]), total, cost
 
 
 @kernel
@@ -266,7 +169,7 @@ def _find_slack(
                         p[j] = home[j]
                         for i in range(3):
                             Q[j, i] = home[3 + 3 * j + i]
-                status, _, cost = _iterate(geometry, target, left, J.shape[1], max_iterations, p, Q, e, J)
+                status, _, cost = improve_pose(geometry, target, left, J.shape[1], max_iterations, p, Q, e, J)
                 if status == CONVERGED and cost < best_cost and e[k] < 0.0:
                     best, best_cost = k, cost
                     assign_vector(best_error, e)
@@ -346,7 +249,7 @@ def forward_at_poses(
             assign_vector(p, guess_positions[g])
             assign_matrix(Q, guess_rotations[g])
             started_above = _above(geometry, frame, p, Q)
-            status, count, _ = _iterate(
+            status, count, _ = improve_pose(
                 geometry,
                 targets[n],
                 weights,
@@ -367,6 +270,7 @@ def forward_at_poses(
                 center,
                 targets[n],
                 weights,
+                _NOISE_SHARE * max_residual,
                 max_iterations,
                 p,
                 Q,
