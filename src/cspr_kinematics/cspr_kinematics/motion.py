@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .arrays import FloatArray, broadcast_batch, checked
 from .errors import InvalidInputError
 from .pose import Acceleration, Pose, Twist
-from .so3 import cross, rotation_from_euler, rotation_from_quaternion
+from .so3 import cross, rotation_from_euler
 
 # A quaternion shorter than this has no direction left that rounding has not touched.
 _SHORTEST_QUATERNION = 1e-6
@@ -128,7 +128,7 @@ def motion_from_quaternion(
     omega = 2.0 * _vector_of_product(qd, q) / square
     growth = 2.0 * np.einsum("...i,...i->...", q, qd)[..., None] / square
     alpha = 2.0 * _vector_of_product(qdd, q) / square - growth * omega
-    rotation = rotation_from_quaternion(q / np.sqrt(square))
+    rotation = Pose.from_quaternion(np.zeros(3), q / np.sqrt(square)).rotation
     return Motion(Pose(p, rotation), Twist(v, omega), Acceleration(a, alpha))
 
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from .arrays import FloatArray, as_floats, broadcast_batch, checked, frozen
 from .compiled import kernel_input
 from .errors import InvalidInputError
-from .kernels.rotation_kernels import pose_defects, quaternions
-from .so3 import euler_from_rotation, rotation_from_euler, rotation_from_quaternion
+from .kernels.rotation_kernels import pose_defects, quaternions, rotations
+from .so3 import euler_from_rotation, rotation_from_euler
 
 ORTHONORMALITY_TOLERANCE = 1e-6
 
@@ -111,11 +111,19 @@ class Pose:
         InvalidInputError
             If a value is not finite, has another shape, or a quaternion is not of unit norm.
         """
-        quaternion = checked("quaternion_xyzw", quaternion_xyzw, 4)
-        norm = np.sqrt(np.einsum("...i,...i->...", quaternion, quaternion))
-        if np.any(np.abs(norm - 1.0) > 1e-3):
+        p = as_floats("position", position, 3)
+        quaternion = as_floats("quaternion_xyzw", quaternion_xyzw, 4)
+        batch = p.shape[:-1]
+        if batch != quaternion.shape[:-1]:
+            batch = broadcast_batch(position=batch, quaternion_xyzw=quaternion.shape[:-1])
+            p, quaternion = np.broadcast_to(p, (*batch, 3)), np.broadcast_to(quaternion, (*batch, 4))
+        checked("position", p)
+        n = math.prod(batch)
+        matrices = np.empty((n, 3, 3))
+        if not rotations(kernel_input(quaternion, n, 4), matrices) <= 1e-3:
+            checked("quaternion_xyzw", quaternion)
             raise InvalidInputError("quaternion_xyzw", quaternion, "not a unit quaternion")
-        return cls(position, rotation_from_quaternion(quaternion / norm[..., None]))
+        return cls.trusted(np.array(p, order="C"), matrices.reshape(*batch, 3, 3))
 
     @property
     def quaternion(self) -> FloatArray:

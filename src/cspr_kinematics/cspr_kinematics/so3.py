@@ -60,28 +60,6 @@ def euler_from_rotation(rotation: FloatArray) -> FloatArray:
     return np.stack((alpha, np.arctan2(-Q[..., 2, 0], cos_beta), gamma), axis=-1)
 
 
-def rotation_from_quaternion(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4) in the order x, y, z, w."""
-    x, y, z, w = np.moveaxis(quaternion, -1, 0)
-    Q = np.empty((*quaternion.shape[:-1], 3, 3))
-    Q[..., 0, 0], Q[..., 0, 1], Q[..., 0, 2] = (
-        1.0 - 2.0 * (y * y + z * z),
-        2.0 * (x * y - z * w),
-        2.0 * (x * z + y * w),
-    )
-    Q[..., 1, 0], Q[..., 1, 1], Q[..., 1, 2] = (
-        2.0 * (x * y + z * w),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - x * w),
-    )
-    Q[..., 2, 0], Q[..., 2, 1], Q[..., 2, 2] = (
-        2.0 * (x * z - y * w),
-        2.0 * (y * z + x * w),
-        1.0 - 2.0 * (x * x + y * y),
-    )
-    return Q
-
-
 def rotation_from_vector(vector: FloatArray) -> FloatArray:
     """Rotation by the angle |v| about the axis v (Rodrigues' formula).
 

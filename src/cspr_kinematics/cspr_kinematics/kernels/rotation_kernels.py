@@ -107,3 +107,31 @@ def quaternions(rotations: FloatArray, result: FloatArray) -> None:
         if w < 0.0:
             norm = -norm
         result[n, 0], result[n, 1], result[n, 2], result[n, 3] = x / norm, y / norm, z / norm, w / norm
+
+
+@kernel
+def rotations(quaternions: FloatArray, result: FloatArray) -> float:
+    """Fill in rotation matrices (n, 3, 3) of quaternions (n, 4) in the order x, y, z, w, normalising them.
+
+    Returns the largest deviation of a norm from 1, which is not a number when a quaternion is not finite.
+    """
+    deviation = 0.0
+    for n in range(quaternions.shape[0]):
+        x, y, z, w = quaternions[n, 0], quaternions[n, 1], quaternions[n, 2], quaternions[n, 3]
+        norm = math.sqrt(x * x + y * y + z * z + w * w)
+        if not math.isfinite(norm):
+            return math.nan
+        deviation = max(deviation, abs(norm - 1.0))
+        if norm == 0.0:
+            continue
+        x, y, z, w = x / norm, y / norm, z / norm, w / norm
+        result[n, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+        result[n, 0, 1] = 2.0 * (x * y - z * w)
+        result[n, 0, 2] = 2.0 * (x * z + y * w)
+        result[n, 1, 0] = 2.0 * (x * y + z * w)
+        result[n, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+        result[n, 1, 2] = 2.0 * (y * z - x * w)
+        result[n, 2, 0] = 2.0 * (x * z - y * w)
+        result[n, 2, 1] = 2.0 * (y * z + x * w)
+        result[n, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return deviation
