@@ -7,7 +7,6 @@ from importlib import import_module
 
 BENCHMARKS = {
     "kinematics": "the mathematics of the control cycle",
-    "tension_solvers": "bounded tensions against general solvers",
     "scaling": "growth with the number of cables and poses",
     "tensions": "bounded tensions against other solvers, and the growth with cables and poses",
     "messages": "encoding and decoding of a hot message",

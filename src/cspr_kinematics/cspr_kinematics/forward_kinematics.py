@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -114,10 +114,10 @@ def forward_kinematics(
     InvalidInputError
         If lengths are not positive and finite or have another shape, or the batch axes do not broadcast.
     """
-    solution, failures = _solve(robot, lengths, guess, max_residual, max_iterations, None, 1)
-    if failures:
-        raise _failure(solution, max_residual)
-    return solution.pose
+    solved = _solve(robot, lengths, guess, max_residual, max_iterations, None, 1)
+    if solved.failures:
+        raise _failure(_solution(solved), max_residual)
+    return Pose.trusted(in_batch(solved.position, solved.batch), in_batch(solved.rotation, solved.batch))
 
 
 def solve_forward_kinematics(
@@ -149,7 +149,38 @@ def solve_forward_kinematics(
     SingularWrenchMatrixError
         If the covariance is asked for where lengths do not determine the pose.
     """
-    return _solve(robot, lengths, guess, max_residual, max_iterations, length_deviation, threads)[0]
+    return _solution(_solve(robot, lengths, guess, max_residual, max_iterations, length_deviation, threads))
+
+
+class _Solved(NamedTuple):
+    """What the kernel says of n poses, before it is put into shape; the time of a control cycle is short."""
+
+    batch: tuple[int, ...]
+    failures: int
+    iterations: int
+    deviation: FloatArray | None
+    position: FloatArray
+    rotation: FloatArray
+    error: FloatArray
+    jacobian: FloatArray
+    status: IntArray
+    converged: BoolArray
+    slack: FloatArray
+
+
+def _solution(solved: _Solved) -> ForwardKinematicsSolution:
+    batch, covariance = solved.batch, None
+    if solved.deviation is not None:
+        covariance = in_batch(covariance_of(solved.jacobian, solved.deviation, solved.converged), batch)
+    return ForwardKinematicsSolution(
+        Pose.trusted(in_batch(solved.position, batch), in_batch(solved.rotation, batch)),
+        in_batch(solved.error, batch),
+        solved.converged.reshape(batch),
+        solved.iterations,
+        solved.status.reshape(batch),
+        in_batch(solved.slack, batch),
+        covariance,
+    )
 
 
 def _solve(
@@ -160,8 +191,7 @@ def _solve(
     max_iterations: int,
     length_deviation: ArrayLike | None,
     threads: int,
-) -> tuple[ForwardKinematicsSolution, int]:
-    """Return the solution and the number of failures in it."""
+) -> _Solved:
     m = robot.number_of_cables
     target = checked("lengths", lengths, m)
     limit = positive_number("max_residual", max_residual)
@@ -179,10 +209,10 @@ def _solve(
         if batch != target.shape[:-1]:
             target = np.broadcast_to(target, (*batch, m))
     n = math.prod(batch)
-    weights, deviation, misfit = search.ones, search.ones, search.no_misfit
+    weights, deviation, misfit, known = search.ones, search.ones, search.no_misfit, None
     if length_deviation is not None:
         deviation, misfit = length_deviations(length_deviation, m), largest_misfit(m)
-        weights = frozen((deviation.min() / deviation) ** 2)
+        weights, known = frozen((deviation.min() / deviation) ** 2), deviation
 
     targets = kernel_input(target, n, m)
     count = guess_position.size // 3
@@ -207,24 +237,12 @@ def _solve(
         done = [kernels.forward_at_poses(*everything)]
     else:
         in_chunks(solve, n, threads, _LEAST_PER_THREAD)
-    failures = sum(failed for failed, _ in done)
-    if failures < 0:
+    failures, iterations = done[0]
+    for more_failures, more_iterations in done[1:]:
+        failures, iterations = failures + more_failures, max(iterations, more_iterations)
+    if any(failed < 0 for failed, _ in done):
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
-    covariance = None
-    if length_deviation is not None:
-        covariance = in_batch(covariance_of(jacobian, deviation, converged), batch)
-    return (
-        ForwardKinematicsSolution(
-            Pose.trusted(in_batch(position, batch), in_batch(rotation, batch)),
-            in_batch(error, batch),
-            converged.reshape(batch),
-            max(iterations for _, iterations in done),
-            status.reshape(batch),
-            in_batch(slack, batch),
-            covariance,
-        ),
-        failures,
-    )
+    return _Solved(batch, failures, iterations, known, *outputs)
 
 
 def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> ForwardKinematicsError:
