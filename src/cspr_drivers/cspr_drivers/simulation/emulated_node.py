@@ -272,8 +272,11 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         if message is None:
             return
         network = self.network
-        with contextlib.suppress(can.CanError), network.send_lock:
-            network.bus.send(message)
+        try:
+            with network.send_lock:
+                network.bus.send(message)
+        except can.CanError:
+            return  # as on copper: a frame that nobody takes is lost, and its producer goes on
 
     # Time
 

@@ -6,16 +6,8 @@ from collections.abc import Callable
 
 import can
 
+from cspr_drivers.can_bus import CyclicFrame
 from cspr_drivers.simulation.pdo_configuration import ActivePdo
-
-
-class PdoFrame(can.Message):  # type: ignore[misc]  # python-can's classes count as untyped
-    """A data frame with cheap copies: the virtual bus copies every frame for every receiver."""
-
-    __slots__ = ()
-
-    def __deepcopy__(self, memo: dict[int, object] | None) -> can.Message:
-        return can.Message(arbitration_id=self.arbitration_id, is_extended_id=False, data=self.data)
 
 
 class ReceivePdo:
@@ -83,7 +75,7 @@ class TransmitPdo:
         self._event_timer = pdo.event_timer
         self._readers = readers
         # One message object serves every transmission: buses copy or serialise it before `send` returns.
-        self._message = PdoFrame(arbitration_id=pdo.cob_id, is_extended_id=False, dlc=pdo.layout.length)
+        self._message = CyclicFrame(pdo.cob_id)
         self._syncs = 0
         self._last_time = 0.0
         self._last_data = b""
@@ -113,5 +105,5 @@ class TransmitPdo:
         return self._layout.encode(*[reader() for reader in self._readers])
 
     def _frame(self, data: bytes) -> can.Message:
-        self._message.data = data
+        self._message.assign(data)
         return self._message

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from functools import partial
 from pathlib import Path
+from time import sleep
 from types import TracebackType
 
 import canopen
@@ -123,8 +124,9 @@ class RobotEmulator:
                 for config, node in zip(node_configs, self._nodes, strict=True):
                     if config.bus == bus.name:
                         network.add_node(node)
-                nodes = tuple(network.nodes.values())
-                network.subscribe(SYNC_COB_ID, partial(self._on_sync, nodes))
+                drives = tuple(node for node in self.drives if node.network is network)
+                load_cells = tuple(node for node in self.load_cells if node.network is network)
+                network.subscribe(SYNC_COB_ID, partial(self._on_sync, drives, load_cells))
         except BusError:
             self.close()
             raise
@@ -189,7 +191,12 @@ class RobotEmulator:
         return tuple(index for index, tension in enumerate(tensions) if tension <= 0.0)
 
     def _on_sync(
-        self, nodes: tuple[EmulatedNode, ...], _can_id: int, _data: bytearray, timestamp: float
+        self,
+        drives: tuple[EmulatedNode, ...],
+        load_cells: tuple[EmulatedNode, ...],
+        _can_id: int,
+        _data: bytearray,
+        timestamp: float,
     ) -> None:
         machine = self.machine
         with machine.lock:
@@ -198,7 +205,12 @@ class RobotEmulator:
                 self.missed_syncs += 1
                 return
             machine.advance(time, exactly=True)
-            for node in nodes:
+            for node in drives:
+                node.sync(time)
+            # Drives come first on a real bus too, by their identifiers; whoever waits for them goes on while the
+            # load cells answer.
+            sleep(0)
+            for node in load_cells:
                 node.sync(time)
             if time - self._last_tick >= _TICK:
                 self._tick(time, supervise=True)
