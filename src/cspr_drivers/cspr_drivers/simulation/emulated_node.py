@@ -235,18 +235,23 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         ]
 
     def _on_rpdo(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        with self._machine.lock:
-            if self.nmt_state is not NmtState.OPERATIONAL:
-                return
-            time = self._machine.time_at(timestamp)
-            pdo = self._receive_pdos[can_id]
-            try:
-                values = pdo.receive(data, time)
-            except FrameError:
-                self.emergency(EmergencyCode.PDO_LENGTH)
-                return
-            if values is not None:
-                self._apply(pdo, values, time)
+        machine = self._machine
+        time = machine.time_at(timestamp)
+        if machine.arrive(time, partial(self._receive, can_id, data, time)) >= machine.inputs_at_once:
+            with machine.lock:
+                machine.apply_arrived(time)
+
+    def _receive(self, can_id: int, data: bytearray, time: float) -> None:
+        pdo = self._receive_pdos.get(can_id)
+        if pdo is None or self.nmt_state is not NmtState.OPERATIONAL:
+            return
+        try:
+            values = pdo.receive(data, time)
+        except FrameError:
+            self.emergency(EmergencyCode.PDO_LENGTH)
+            return
+        if values is not None:
+            self._apply(pdo, values, time)
 
     def _apply(self, pdo: ReceivePdo, values: tuple[int, ...], time: float) -> None:
         for writer, value in zip(pdo.writers, values, strict=True):

@@ -109,6 +109,8 @@ class RobotEmulator:
             )
             for index, config in enumerate(can_config.load_cells)
         )
+        # a cycle brings one torque a drive; the next SYNC applies what is there when one is missing
+        self.machine.inputs_at_once = len(self.drives)
         self._nodes: tuple[EmulatedNode, ...] = (*self.drives, *self.load_cells)
         self._networks: list[canopen.Network] = []
         self.missed_syncs = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import threading
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
@@ -104,7 +105,7 @@ class Measurement:
 class SharedPlant:
     """A plant, its lock, and the relation of its time to the clocks of this computer.
 
-    Whoever calls a method other than `now`, `time_at` and `align` holds `lock`.
+    Whoever calls a method other than `now`, `time_at`, `align` and `arrive` holds `lock`.
 
     Parameters
     ----------
@@ -121,6 +122,8 @@ class SharedPlant:
         Serialises all access to the plant and to the devices around it.
     failure
         The error that ended the simulation, `None` while it runs.
+    inputs_at_once
+        Number of inputs at which those that have arrived are applied without waiting for the plant to move.
     newest_measurement
         What was sensed last; may be read without the lock.
     """
@@ -135,10 +138,12 @@ class SharedPlant:
         self.plant = plant
         self.lock = threading.RLock()
         self.failure: DriverError | None = None
+        self.inputs_at_once = 1
         self._steady_clock = steady_clock
         self._system_clock = system_clock
         self._steady_start = steady_clock()
         self._system_start = system_clock()
+        self._arrived: deque[tuple[float, Callable[[], None]]] = deque()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
         self._time = plant.time
         self._measured = False
@@ -191,6 +196,7 @@ class SharedPlant:
         DriverError
             If the plant cannot go on; `failure` keeps it.
         """
+        self.apply_arrived(time)
         if time - self._time <= (0.0 if exactly else _SIMULTANEOUS_INPUTS):
             return
         if self.failure is not None:
@@ -206,6 +212,26 @@ class SharedPlant:
             raise
         self._time = time
         self._measured = False
+
+    def arrive(self, time: float, apply: Callable[[], None]) -> int:
+        """Keep an input that arrived at a plant time, s, until the plant passes it; needs no lock.
+
+        `apply` is called, with the lock held, when the plant is about to be integrated past that time, in the
+        order of arrival. To apply each input at once would keep the bus waiting for the plant eight times a cycle.
+
+        Returns
+        -------
+        int
+            How many inputs wait; `apply_arrived` applies them when there is time for it.
+        """
+        self._arrived.append((time, apply))
+        return len(self._arrived)
+
+    def apply_arrived(self, time: float) -> None:
+        """Apply the inputs that arrived up to a plant time, s."""
+        arrived = self._arrived
+        while arrived and arrived[0][0] <= time:
+            arrived.popleft()[1]()
 
     def measure(self) -> Measurement:
         """Return what can be sensed at `time`."""
