@@ -263,9 +263,14 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
 
     def sync(self, time: float) -> None:
         """Answer a SYNC at a plant time, s, at which the plant stands."""
+        if self.nmt_state is NmtState.OPERATIONAL:
+            self.latch()
+            self.answer(time)
+
+    def answer(self, time: float) -> None:
+        """Send what was latched at the SYNC of a plant time, s, and apply what waited for it."""
         if self.nmt_state is not NmtState.OPERATIONAL:
             return
-        self.latch()
         for transmit in self._transmit_pdos:
             self._transmit(transmit.on_sync())
         for receive in self._receive_pdos.values():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from time import sleep
 from types import TracebackType
 
@@ -116,6 +117,9 @@ class RobotEmulator:
         self.missed_syncs = 0
         self._last_tick = 0.0
         self._stopping = threading.Event()
+        self._conversion_time = simulation.load_cells.conversion_time
+        self._conversions: SimpleQueue[tuple[float, tuple[EmulatedNode, ...]] | None] = SimpleQueue()
+        self._converter = threading.Thread(target=self._convert, name="amplifiers", daemon=True)
         self._ticker = threading.Thread(target=self._keep_time, name="emulated devices", daemon=True)
         node_configs: tuple[DriveConfig | LoadCellConfig, ...] = (*can_config.drives, *can_config.load_cells)
         try:
@@ -135,6 +139,7 @@ class RobotEmulator:
         for node in self._nodes:
             node.power_on()
         self._ticker.start()
+        self._converter.start()
 
     def __enter__(self) -> RobotEmulator:
         return self
@@ -150,8 +155,10 @@ class RobotEmulator:
     def close(self) -> None:
         """Take the devices off their buses; closing twice is allowed."""
         self._stopping.set()
-        if self._ticker.is_alive():
-            self._ticker.join()
+        self._conversions.put(None)
+        for thread in (self._ticker, self._converter):
+            if thread.is_alive():
+                thread.join()
         for network in self._networks:
             network.notifier.stop()
             network.bus.shutdown()
@@ -210,12 +217,27 @@ class RobotEmulator:
             for node in drives:
                 node.sync(time)
             # Drives come first on a real bus too, by their identifiers; whoever waits for them goes on while the
-            # load cells answer.
+            # amplifiers convert.
             sleep(0)
-            for node in load_cells:
-                node.sync(time)
+            if self._conversion_time == 0.0:
+                for node in load_cells:
+                    node.sync(time)
+            else:
+                for node in load_cells:
+                    node.latch()
+                self._conversions.put((time, load_cells))
             if time - self._last_tick >= _TICK:
                 self._tick(time, supervise=True)
+
+    def _convert(self) -> None:
+        """Let the amplifiers answer each SYNC when their conversion is done."""
+        machine = self.machine
+        while (conversion := self._conversions.get()) is not None:
+            time, load_cells = conversion
+            sleep(max(0.0, time + self._conversion_time - machine.now()))
+            with machine.lock:
+                for node in load_cells:
+                    node.answer(time)
 
     def _keep_time(self) -> None:
         machine = self.machine

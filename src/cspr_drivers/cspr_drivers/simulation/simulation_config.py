@@ -62,11 +62,24 @@ class DriveProperties:
 
 @dataclass(frozen=True)
 class LoadCellProperties:
-    """Errors of the load cells: standard deviation of the noise in N, relative gain errors (m,), offsets (m,) in N."""
+    """Load cells and their amplifiers.
+
+    Attributes
+    ----------
+    noise_std
+        Standard deviation of the noise, N.
+    gain_error
+        Relative errors (m,).
+    offset
+        Offsets (m,), N.
+    conversion_time
+        From SYNC, at which the tension is latched, to the amplifier's answer, s.
+    """
 
     noise_std: float
     gain_error: FloatArray
     offset: FloatArray
+    conversion_time: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -148,6 +161,7 @@ def _read(path: Path) -> SimulationConfig:
         noise_std=section.number("noise_std", 0.0),
         gain_error=section.array("gain_error", m),
         offset=section.array("offset", m),
+        conversion_time=section.number("conversion_time", 0.0),
     )
     section.finish()
 
