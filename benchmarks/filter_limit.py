@@ -30,7 +30,7 @@ _OPEN_GATES = {
 
 def _row(factor: float, time_constant: float) -> str:
     # the derivative gain must suit the inertia: Kd < 2 J / T
-    gains = MotorGains(kp=2.0, kd=0.2 if factor == 1.0 else 0.03)
+    gains = MotorGains(kp=2.0, kd=0.1 if factor == 1.0 else 0.03)
     settings = LoopSettings(
         gains=gains,
         motor_inertia_factor=factor,

@@ -12,6 +12,7 @@ EXECUTABLES = (
     "supervisor",
     "control",
     "demo",
+    "workspace",
 )
 
 setup(
@@ -23,7 +24,15 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "scipy", "pyyaml", "cspr_kinematics", "cspr_msgs_py"],
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "scipy",
+        "pyyaml",
+        "matplotlib",
+        "cspr_kinematics",
+        "cspr_msgs_py",
+    ],
     zip_safe=True,
     maintainer="CSPR developers",
     maintainer_email="developers@example.org",

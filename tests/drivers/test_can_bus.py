@@ -1,4 +1,5 @@
 import errno
+import threading
 import time
 
 import can
@@ -137,7 +138,7 @@ def test_frames_carry_the_time_at_which_they_were_on_the_bus(ports, far_end, wai
 
 def test_a_second_producer_of_sync_is_a_problem(ports, far_end, wait_until):
     beats = []
-    ports.on_sync(lambda now, stamp: beats.append(stamp))
+    ports.on_sync(lambda now, stamp: beats.append(stamp), threading.Lock())
     far_end.send(0x080, b"")
     wait_until(lambda: beats)
     ports.send_sync()

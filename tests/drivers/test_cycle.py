@@ -79,3 +79,44 @@ def test_a_very_late_command_keeps_its_value_as_maximum():
     histogram.add(2.0)
     assert histogram.summary().maximum == 2.0
     assert LatencyHistogram().summary().p99 == 0.0
+
+
+def answer(cycle: Cycle, *indices: int) -> list[bool]:
+    """Deliver feedback as the driver does; returns for each frame whether it was used."""
+    used = []
+    for index in indices:
+        late = cycle.is_late(index)
+        if not late:
+            cycle.feedback(index, 0.001)
+        used.append(not late)
+    return used
+
+
+def test_an_answer_that_comes_after_the_next_sync_is_not_taken_for_the_next_answer():
+    cycle = Cycle(2)
+    cycle.sync(counted=True)
+    assert answer(cycle, 0) == [True]
+    cycle.sync(counted=True)  # motor 1 has not answered yet
+    assert answer(cycle, 1, 0, 1) == [False, True, True]
+    assert cycle.missing == ()
+    cycle.sync(counted=True)
+    assert answer(cycle, 0, 1) == [True, True]
+    assert cycle.statistics().late_feedback == 1
+
+
+def test_answers_to_two_earlier_cycles_are_told_apart():
+    cycle = Cycle(1)
+    for _ in range(3):
+        cycle.sync(counted=True)
+    assert answer(cycle, 0, 0, 0) == [False, False, True]
+
+
+def test_an_answer_that_was_lost_costs_one_more_cycle_and_no_more():
+    cycle = Cycle(1)
+    cycle.sync(counted=True)
+    cycle.sync(counted=True)  # the first answer was lost
+    assert answer(cycle, 0) == [False]
+    cycle.sync(counted=True)
+    assert answer(cycle, 0) == [True]
+    cycle.sync(counted=True)
+    assert answer(cycle, 0) == [True]

@@ -30,6 +30,11 @@ EXECUTABLES = {
     "simulated_robot": ("cspr_drivers", ["simulated_robot", "can_drives", "load_cells"], []),
 }
 
+PROGRAMS = {  # what ends by itself, and words that its --help must have
+    "demo": ("--controller", "--exact-mass", "--compare", "--add-payload", "--realtime", "examples:"),
+    "workspace": ("--robot", "--payload"),
+}
+
 
 def colcon(*arguments: str, cwd: Path) -> str:
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
@@ -76,7 +81,7 @@ def test_packages_are_ament_python(workspace: Path) -> None:
 
 def test_no_executable_is_forgotten(workspace: Path) -> None:
     built = {path.name for path in workspace.glob("install/*/lib/cspr_*/*") if path.is_file()}
-    assert built == {*EXECUTABLES, "demo"}
+    assert built == {*EXECUTABLES, *PROGRAMS}
 
 
 def environment(workspace: Path) -> dict[str, str]:
@@ -117,12 +122,13 @@ def test_executable_names_itself_and_stops(workspace: Path, tmp_path: Path, name
     assert "Traceback" not in log.read_text(encoding="utf-8")
 
 
-def test_demo_teaches(workspace: Path) -> None:
-    program = workspace / "install" / "cspr_control" / "lib" / "cspr_control" / "demo"
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_program_teaches(workspace: Path, name: str) -> None:
+    program = workspace / "install" / "cspr_control" / "lib" / "cspr_control" / name
     done = subprocess.run(
         [str(program), "--help"], cwd=workspace, env=environment(workspace), capture_output=True, text=True,
         timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    for word in ("--controller", "--exact-mass", "--compare", "--add-payload", "--realtime", "examples:"):
+    for word in PROGRAMS[name]:
         assert word in done.stdout

@@ -8,6 +8,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 
 import can
 import canopen
@@ -194,6 +195,7 @@ class CanPorts:
     def __init__(self, ports: Iterable[CanPort]) -> None:
         self._ports = {port.name: port for port in ports}
         self._sync_handlers: list[SyncHandler] = []
+        self._sync_locks: list[threading.Lock] = []
         self._sync = CyclicFrame(SYNC_COB_ID)
         self._producing = False
         first = next(iter(self._ports.values()))
@@ -205,26 +207,35 @@ class CanPorts:
     def __iter__(self) -> Iterator[CanPort]:
         return iter(self._ports.values())
 
-    def on_sync(self, handler: SyncHandler) -> None:
-        """Call `handler` with monotonic time, s, and ROS time, ns, just before each SYNC."""
+    def on_sync(self, handler: SyncHandler, lock: threading.Lock) -> None:
+        """Call `handler` with monotonic time, s, and ROS time, ns, just before each SYNC, with `lock` held.
+
+        All locks are taken before the time is: what a handler would have to wait for must not come between the
+        time stamp of a SYNC and the SYNC, for speeds are differences of positions over these times.
+        """
         self._sync_handlers.append(handler)
+        self._sync_locks.append(lock)
 
     def send_sync(self) -> None:
         """Put SYNC on every bus."""
         self._producing = True
-        now, stamp = time.monotonic(), time.time_ns()
-        for handler in self._sync_handlers:
-            handler(now, stamp)
-        for port in self._ports.values():
-            port.note_sync(now)
-            port.send(self._sync)
+        with ExitStack() as locks:
+            for lock in self._sync_locks:
+                locks.enter_context(lock)
+            now, stamp = time.monotonic(), time.time_ns()
+            for handler in self._sync_handlers:
+                handler(now, stamp)
+            for port in self._ports.values():
+                port.note_sync(now)
+                port.send(self._sync)
 
     def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
         if self._producing:
             raise FrameError(f"another device sends SYNC as well ({len(data)} bytes)")
         stamp = time.time_ns() - int(1e9 * (time.monotonic() - now))
-        for handler in self._sync_handlers:
-            handler(now, stamp)
+        for handler, lock in zip(self._sync_handlers, self._sync_locks, strict=True):
+            with lock:
+                handler(now, stamp)
 
     def close(self) -> None:
         """Close all buses."""

@@ -28,6 +28,8 @@ class CycleStatistics:
         Commands that answered an earlier cycle.
     repeated_feedback
         Feedback frames of a drive that had already answered in the cycle.
+    late_feedback
+        Feedback frames that answered the SYNC of an earlier cycle; their positions were not used.
     latency
         Of the cycles that were not missed.
     """
@@ -37,6 +39,7 @@ class CycleStatistics:
     incomplete_cycles: int
     late_commands: int
     repeated_feedback: int
+    late_feedback: int
     latency: LatencySummary
 
 
@@ -52,12 +55,25 @@ class Cycle:
     def __init__(self, motors: int) -> None:
         self._motors = motors
         self._histogram = LatencyHistogram()
-        self._begin()
+        self._owed = [0] * motors  # answers to earlier SYNC frames that may still come
+        self._taken_as_late: set[int] = set()
+        self._answered: set[int] = set()
+        self._commanded: set[int] = set()
+        self._last_feedback = self._last_command = 0.0
+        self._begun = False
         self.clear()
 
     def _begin(self) -> None:
-        self._answered: set[int] = set()
-        self._commanded: set[int] = set()
+        for index in range(self._motors):
+            if index in self._answered or index in self._taken_as_late:
+                # what was owed has come, or nothing came after what was taken for it: then it was lost, not late
+                self._owed[index] = 0
+            elif self._begun:
+                self._owed[index] += 1
+        self._begun = True
+        self._taken_as_late = set()
+        self._answered = set()
+        self._commanded = set()
         self._last_feedback = 0.0
         self._last_command = 0.0
 
@@ -68,6 +84,7 @@ class Cycle:
         self._incomplete = 0
         self._late_commands = 0
         self._repeated_feedback = 0
+        self._late_feedback = 0
         self._histogram.clear()
 
     def sync(self, counted: bool) -> None:
@@ -81,6 +98,19 @@ class Cycle:
             else:
                 self._histogram.add(max(0.0, self._last_command - self._last_feedback))
         self._begin()
+
+    def is_late(self, index: int) -> bool:
+        """Whether feedback that has just come answers an earlier SYNC, and so tells where the motor was then.
+
+        A drive answers each SYNC once, in their order: after a cycle without its answer the next frame is that
+        answer. Should none follow in the same cycle, then the answer was lost, and the next frame counts again.
+        """
+        if self._owed[index] == 0:
+            return False
+        self._owed[index] -= 1
+        self._taken_as_late.add(index)
+        self._late_feedback += 1
+        return True
 
     def feedback(self, index: int, time: float) -> bool:
         """Note the feedback of a drive, on the bus at `time`; return whether it was the last one missing."""
@@ -112,5 +142,6 @@ class Cycle:
             self._incomplete,
             self._late_commands,
             self._repeated_feedback,
+            self._late_feedback,
             self._histogram.summary(),
         )

@@ -35,6 +35,8 @@ from cspr_drivers.torque_frames import torque_frames
 
 OPERATIONAL = 5  # NMT state in the heartbeat (CiA 301, section 7.2.8.3.2)
 
+_LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
+
 
 class DriveMaster:
     """Driver of the m drives of a configuration.
@@ -63,6 +65,7 @@ class DriveMaster:
         self._publish = publish
         count = len(config.drives)
         self._lock = threading.Lock()
+        self._postponed = 0  # SYNC frames left out since the drives were last enabled
         self._group = DriveGroup(
             [drive.name for drive in config.drives], config.brake_open_bit, config.timeouts
         )
@@ -125,7 +128,7 @@ class DriveMaster:
             self._ports[drive.bus].subscribe(
                 cob_id(FunctionCode.TPDO1, drive.node_id), partial(self._feedback, index)
             )
-        self._ports.on_sync(self._begin_cycle)
+        self._ports.on_sync(self._begin_cycle, self._lock)
         self._clock.start()
         self._commissioning.start()
 
@@ -189,6 +192,7 @@ class DriveMaster:
             if refusal is None:
                 self._cycle.clear()
                 self._clock.clear()
+                self._postponed = 0
             return refusal
 
     def disable(self) -> None:
@@ -224,7 +228,7 @@ class DriveMaster:
                 self._cycle.statistics(),
                 self._rejected,
                 self._last_rejection,
-                self._clock.skipped,
+                self._clock.skipped + self._postponed,
                 self._clock.worst_lateness,
                 self._clock.running,
             )
@@ -233,7 +237,10 @@ class DriveMaster:
 
     def _tick(self, now: float) -> None:
         """Run in the clock's thread, so that a driver that hangs sends no heartbeat either."""
-        self._ports.send_sync()
+        if self._awaits_answers(now):
+            self._postponed += 1
+        else:
+            self._ports.send_sync()
         if now >= self._heartbeat_due:
             self._heartbeat_due = now + self._config.timeouts.heartbeat_producer
             for port in self._ports:
@@ -249,17 +256,31 @@ class DriveMaster:
                     frame.send(word)
                 frame.sent = False
 
-    def _begin_cycle(self, now: float, stamp_ns: int) -> None:
+    def _awaits_answers(self, now: float) -> bool:
+        """Whether the next SYNC is to be left out, because answers to the last one may still come.
+
+        An answer that came after the next SYNC would be taken for the answer to that one: a position of the
+        wrong moment, and a speed that is off by half or more. A drive that stays silent stops the robot later.
+        """
         with self._lock:
-            self._cycle.sync(counted=self._group.state is GroupState.ENABLED)
-            self._sync_time = now
-            self._sync_stamp = stamp_ns
+            return (
+                self._group.state is not GroupState.NOT_READY
+                and bool(self._cycle.missing)
+                and now - self._sync_time < _LONGEST_WAIT * self._config.period
+            )
+
+    def _begin_cycle(self, now: float, stamp_ns: int) -> None:
+        self._cycle.sync(counted=self._group.state is GroupState.ENABLED)
+        self._sync_time = now
+        self._sync_stamp = stamp_ns
 
     def _feedback(self, index: int, data: bytes | bytearray, now: float) -> None:
         values = self._config.pdo.drive_tpdo.decode(data)
         units = self._config.drives[index].units
         with self._lock:
             self._group.feedback(index, values[self._status_place], now)
+            if self._cycle.is_late(index):
+                return
             self._angles[index] = units.angle(values[self._position_place])
             self._torques[index] = units.torque(values[self._torque_place])
             if not self._cycle.feedback(index, now):

@@ -97,7 +97,7 @@ class LoadCellMaster:
             self._ports[cell.bus].subscribe(
                 cob_id(FunctionCode.TPDO1, cell.node_id), partial(self._measured, index)
             )
-        self._ports.on_sync(self._begin_cycle)
+        self._ports.on_sync(self._begin_cycle, self._lock)
         self._commissioning.start()
 
     def stop(self) -> None:
@@ -151,9 +151,8 @@ class LoadCellMaster:
             )
 
     def _begin_cycle(self, now: float, stamp_ns: int) -> None:
-        with self._lock:
-            self._sync_time = now
-            self._cycle.sync(stamp_ns)
+        self._sync_time = now
+        self._cycle.sync(stamp_ns)
 
     def _measured(self, index: int, data: bytes | bytearray, now: float) -> None:
         del now

@@ -36,7 +36,7 @@ from cspr_msgs_py.nodes.process import (
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
 
 # Threads of a driver wait for each other for microseconds; Python's 5 ms are longer than a cycle.
-SWITCH_INTERVAL = 0.0005  # s
+SWITCH_INTERVAL = 0.0001  # s
 
 STATE_PERIOD = 0.02  # s; how soon a change of state is on /drive_states
 

@@ -42,6 +42,7 @@ def drive_diagnostics(report: DriveReport) -> DiagnosticStatus:
         "incomplete_cycles": statistics.incomplete_cycles,
         "late_commands": statistics.late_commands,
         "repeated_feedback": statistics.repeated_feedback,
+        "late_feedback": statistics.late_feedback,
         "command_latency_p50_us": round(1e6 * statistics.latency.p50),
         "command_latency_p99_us": round(1e6 * statistics.latency.p99),
         "command_latency_max_us": round(1e6 * statistics.latency.maximum),
