@@ -53,6 +53,21 @@ PACKAGES = {
     "control": "cspr_control.nodes.control",
     "recorder": "cspr_msgs_py.nodes.recorder",
 }
+# A machine without real-time priority, shared with who knows what, may stand still for longer than a robot may be
+# left alone. Without a robot, and without --realtime, the demo therefore waits longer than the configuration says.
+RELAXED_WATCHDOGS = {
+    "command": 0.5,
+    "feedback": 0.5,
+    "rpdo": 1.0,
+    "heartbeat_consumer": 2.0,
+}  # s, in can.yaml
+RELAXED_AGES = {
+    "motor_states": 1.0,
+    "setpoint": 1.0,
+    "cable_tensions": 1.0,
+    "platform_pose": 1.0,
+}  # s, supervisor
+
 DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and say how well it did.
 
@@ -248,15 +263,25 @@ def _copy_configuration(source: Path, directory: Path, scenario: Scenario) -> Pa
     """Copy the configuration into the run, with the scenario's payload aboard the simulated robot."""
     target = directory / "config"
     shutil.copytree(source, target)
-    simulation = target / "simulation.yaml"
-    try:
-        values = yaml.safe_load(simulation.read_text(encoding="utf-8"))
-        values["payload"]["mass"] = scenario.payload
-        values["payload_changes"] = []
-    except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
-        raise DemoError(f"{source}/simulation.yaml has no payload.mass to set: {error}") from error
-    simulation.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+    with _edited(target / "simulation.yaml") as simulation:
+        simulation["payload"]["mass"] = scenario.payload
+        simulation["payload_changes"] = []
+    if not scenario.realtime:
+        with _edited(target / "can.yaml") as can:
+            for name, time_limit in RELAXED_WATCHDOGS.items():
+                can["timeouts"][name] = max(time_limit, can["timeouts"][name])
     return target
+
+
+@contextlib.contextmanager
+def _edited(file: Path) -> Iterator[dict[str, Any]]:
+    """Change the content of a YAML file."""
+    try:
+        values = yaml.safe_load(file.read_text(encoding="utf-8"))
+        yield values
+    except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
+        raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
+    file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
 
 
 def _ros_arguments(config: Path, *more: str) -> list[str]:
@@ -279,6 +304,8 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
     feedforward += ["-p", f"feedforward:payload_source:={payload_source}"]
     trajectory = ["-p", f"trajectory_publisher:trajectory:={scenario.trajectory}"]
     realtime = ["-p", "realtime_priority:=50"] if scenario.realtime else []
+    ages = {} if scenario.realtime else RELAXED_AGES
+    patience = [word for name, age in ages.items() for word in ("-p", f"supervisor:max_age.{name}:={age}")]
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
 
@@ -288,7 +315,9 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
         try:
             attach = f"attach:=[{', '.join(attached)}]"
             recording = ["--ros-args", "-p", f"output:={directory / 'bag'}", "-p", attach, *recorder_cpu]
-            controlling = _ros_arguments(config, *feedforward, *trajectory, *control_cpu, *realtime)
+            controlling = _ros_arguments(
+                config, *feedforward, *trajectory, *patience, *control_cpu, *realtime
+            )
             children.start("recorder", PACKAGES["recorder"], recording)
             children.start(
                 "simulated_robot", PACKAGES["simulated_robot"], _ros_arguments(config, *robot_cpu, *realtime)
