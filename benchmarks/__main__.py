@@ -10,6 +10,7 @@ BENCHMARKS = {
     "scaling": "growth with the number of cables and poses",
     "tensions": "bounded tensions against other solvers, and the growth with cables and poses",
     "messages": "encoding and decoding of a hot message",
+    "controllers": "the controllers in closed loop without ROS (half a minute)",
     "filter_limit": "the quickest filter of the mass estimate (about a minute)",
 }
 

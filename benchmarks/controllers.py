@@ -1,0 +1,52 @@
+"""The controllers compared in closed loop without ROS: the nodes' own functions on the simulated plant.
+
+As the demo compares them, but free of what the machine's load does to a live run, and the same every time.
+"""
+
+from __future__ import annotations
+
+from multiprocessing import Pool
+
+import numpy as np
+
+from benchmarks.closed_loop import LoopSettings, run, settling_time
+from cspr_control.feedforward import FeedforwardModel, PayloadSource
+from cspr_control.motor_control import MotorGains
+from cspr_control.trajectory_catalogue import TrajectoryName
+
+GAINS = MotorGains(kp=2.0, kd=0.1)  # as in config/control.yaml
+NOMINAL = PayloadSource.NOMINAL
+CASES = {
+    "pd": LoopSettings(gains=GAINS, model=FeedforwardModel.NONE),
+    "static": LoopSettings(gains=GAINS, model=FeedforwardModel.STATIC, payload_source=NOMINAL),
+    "pdff": LoopSettings(gains=GAINS, payload_source=NOMINAL),
+    "pdff-mass": LoopSettings(gains=GAINS),
+    "pdff (exact mass)": LoopSettings(gains=GAINS, exact_mass=True),
+    **{
+        f"static, {load:g} kg, none added": LoopSettings(
+            gains=GAINS, model=FeedforwardModel.STATIC, payload_source=NOMINAL, payload=load, added=0.0
+        )
+        for load in (0.0, 100.0, 200.0)
+    },
+    "pdff-mass on smooth-19": LoopSettings(gains=GAINS, trajectory=TrajectoryName.SMOOTH_19),
+    "pdff (exact mass) on smooth-19": LoopSettings(
+        gains=GAINS, trajectory=TrajectoryName.SMOOTH_19, exact_mass=True
+    ),
+}
+
+
+def _row(name: str, settings: LoopSettings) -> str:
+    record = run(settings)
+    largest = np.degrees(np.abs(record.position_error).max())
+    settled = f"{settling_time(record):.2f} s" if settings.added else "-"
+    error = record.mass_estimate[-1] - record.mass_true[-1]
+    return f"{name:32}{record.rms_deg.mean():>10.2f}{largest:>10.1f}{error:>+12.2f} kg{settled:>10}"
+
+
+def main() -> None:
+    """Print the table."""
+    print("paper-19, 100 kg aboard and 100 kg added at 3 s except as stated; degrees at the motor shafts")
+    print(f"{'controller':32}{'mean RMS':>10}{'max':>10}{'mass error':>15}{'settled':>10}")
+    with Pool() as pool:
+        for row in pool.starmap(_row, CASES.items(), chunksize=1):
+            print(row, flush=True)
