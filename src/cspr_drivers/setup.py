@@ -18,7 +18,7 @@ setup(
         "numpy",
         "pyyaml",
         "python-can",
-        "canopen",
+        "canopen>=2.4",
         "cspr_kinematics",
         "cspr_msgs_py",
     ],
