@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control import run_summary
 from cspr_control.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
 from cspr_control.motor_control import MotorController, MotorGains
 from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
 from cspr_control.point_to_point import MotionLimits
 from cspr_control.pose_estimation import PoseEstimator
 from cspr_control.reference import ReferencePoint
+from cspr_control.run_summary import MassTrace
 from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
 from cspr_control.trajectory_player import TrajectoryPhase, TrajectoryPlayer
 from cspr_drivers.simulation.plant import Plant
@@ -146,11 +148,10 @@ def run(settings: LoopSettings) -> LoopRecord:
     )
 
 
-def settling_time(record: LoopRecord, tolerance: float = 0.02) -> float:
-    """Time from the change of the payload until the estimate is within a tolerance for good; inf if never."""
-    final = record.mass_true[-1]
-    outside = np.flatnonzero(np.abs(record.mass_estimate - final) > tolerance * final)
-    if outside.size and outside[-1] == record.time.size - 1:
-        return np.inf
-    change = record.time[np.flatnonzero(record.mass_true == final)[0]]
-    return float(record.time[outside[-1] + 1] - change) if outside.size else 0.0
+def settling_time(record: LoopRecord) -> float:
+    """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
+    stamps = (record.time * 1e9).round().astype(np.int64)
+    settled = run_summary.settling_time(
+        MassTrace(stamps, record.mass_estimate), MassTrace(stamps, record.mass_true)
+    )
+    return np.inf if settled is None else settled

@@ -21,7 +21,7 @@ from cspr_drivers.nodes.load_cells import LoadCells
 from cspr_msgs_py.conversions import Level, from_diagnostic_array
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import advertise_raw, subscribe, subscribe_raw
+from cspr_msgs_py.nodes.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
@@ -52,7 +52,7 @@ class Bench:
         self._state_codec = JointStateCodec(motor_names(motors))
         self._tension_codec = JointStateCodec(cable_names(motors), position=False, velocity=False)
         self.codecs = [JointStateCodec((n,), position=False, velocity=False) for n in motor_names(motors)]
-        self.commands = [advertise_raw(self.probe, motor_command(k)) for k in range(1, motors + 1)]
+        self.commands = [advertise(self.probe, motor_command(k)) for k in range(1, motors + 1)]
         subscribe_raw(self.probe, MOTOR_STATES, self._answer)
         subscribe_raw(
             self.probe, CABLE_TENSIONS, lambda b: self.tensions.append(self._tension_codec.decode(b))

@@ -37,7 +37,7 @@ class Worker(Node):
             time.sleep(60)
         self.received = 0
         self.codec = JointStateCodec(["motor_1"])
-        self.publisher = advertise_raw(self, MOTOR_STATES)
+        self.publisher = advertise(self, MOTOR_STATES)
         subscribe_raw(self, MOTOR_STATES, self.receive)
         steady_timer(self, 0.005, self.publish)
         self.diagnostics = Diagnostics(self, lambda: [diagnostic_status("worker", 0, "well")])

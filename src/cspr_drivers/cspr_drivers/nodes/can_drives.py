@@ -27,7 +27,6 @@ from cspr_msgs_py.joint_state_conversion import decode_joint
 from cspr_msgs_py.nodes.process import (
     Diagnostics,
     advertise,
-    advertise_raw,
     declare,
     run_nodes,
     steady_timer,
@@ -76,7 +75,7 @@ class CanDrives(Node):
             )
         names = motor_names(len(self.config.drives))
         self._codec = JointStateCodec(names)
-        self._states = advertise_raw(self, MOTOR_STATES)
+        self._states = advertise(self, MOTOR_STATES)
         self._drive_states = advertise(self, DRIVE_STATES)
         self._owns_ports = ports is None
         self.ports = open_ports(self.config) if ports is None else ports

@@ -16,7 +16,7 @@ from cspr_drivers.load_cell_master import LoadCellMaster
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, load_config
 from cspr_drivers.nodes.driver_messages import bus_status, load_cell_diagnostics
 from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import Diagnostics, advertise_raw, declare, run_nodes, steady_timer
+from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
 from cspr_msgs_py.topics import CABLE_TENSIONS, cable_names
 
 WATCH_PERIOD = 0.5  # s
@@ -51,7 +51,7 @@ class LoadCells(Node):
         self._codec = JointStateCodec(
             cable_names(len(self.config.load_cells)), position=False, velocity=False
         )
-        self._tensions = advertise_raw(self, CABLE_TENSIONS)
+        self._tensions = advertise(self, CABLE_TENSIONS)
         self._owns_ports = ports is None
         self.ports = open_ports(self.config) if ports is None else ports
         self._master = LoadCellMaster(self.config, self.ports, self._publish, self.get_logger().warning)

@@ -35,7 +35,6 @@ __all__ = [
     "LEAN_NODE",
     "Diagnostics",
     "advertise",
-    "advertise_raw",
     "declare",
     "run_nodes",
     "steady_timer",
@@ -303,9 +302,6 @@ def _subscribe_raw(node: Node, topic: Topic, callback: Callable[[bytes], None]) 
 def advertise(node: Node, topic: Topic) -> Publisher:
     """Create the publisher of `topic`; its ``publish`` takes message objects and CDR bytes alike."""
     return node.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
-
-
-advertise_raw = advertise  # the name that says that bytes are published
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
