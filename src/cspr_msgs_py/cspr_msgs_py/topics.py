@@ -78,8 +78,14 @@ DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
-    """Return a topic of samples: the next one replaces a lost one, so nothing is ever repeated."""
-    return Topic(name, type, Reliability.BEST_EFFORT, Durability.VOLATILE, 5, rate, writer, content)
+    """Return a topic of samples: the next one replaces a lost one, so nothing is ever repeated.
+
+    In the control cycle a receiver that is late does not work through old samples either: with a queue of five, a
+    loop that cannot keep up would answer states that are five cycles old, and become unstable; with the newest alone
+    it is merely slower.
+    """
+    depth = 1 if rate in (Rate.CONTROL, Rate.BUS) else 5
+    return Topic(name, type, Reliability.BEST_EFFORT, Durability.VOLATILE, depth, rate, writer, content)
 
 
 def _latched(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
