@@ -37,7 +37,7 @@ class TestStandardTools:
         (profile,) = by_topic["/motor_states"].ext.offered_qos_profiles
         assert profile.reliability == QosReliability.BEST_EFFORT
         assert profile.durability == QosDurability.VOLATILE
-        assert profile.depth == 5
+        assert profile.depth == 1
 
     def test_rosbags_decodes_by_the_definitions_in_the_bag(self, recording) -> None:
         with AnyReader([recording.write()]) as reader:
