@@ -49,10 +49,19 @@ class TensionBlend:
     """
 
     def __init__(self, method: Method = "closest", *, slew: float, reference: ArrayLike = 0.0) -> None:
-        self._slew = positive_number("slew", slew)
+        self.slew = slew
         self._choices: list[_Choice] = []
         self.select(method, reference)
         self._choices = [replace(self._choices[0], share=1.0)]
+
+    @property
+    def slew(self) -> float:
+        """Fastest change of a tension for the sake of another method, N/s; it may be set at any time."""
+        return self._slew
+
+    @slew.setter
+    def slew(self, value: float) -> None:
+        self._slew = positive_number("slew", value)
 
     @property
     def method(self) -> Method:

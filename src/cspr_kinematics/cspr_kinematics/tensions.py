@@ -30,6 +30,12 @@ _PSEUDOINVERSE_CUTOFF = 1e-10
 _MOST_CABLES_WITH_CENTROID = 8
 
 
+def bounded_methods(number_of_cables: int) -> tuple[Method, ...]:
+    """Return the methods that keep tensions within the limits, for a robot with so many cables."""
+    known = [method for method in METHODS if method != "minimum_norm"]
+    return tuple(m for m in known if m != "centroid" or number_of_cables <= _MOST_CABLES_WITH_CENTROID)
+
+
 def distribute_tensions(
     wrench_matrix: ArrayLike,
     wrench: ArrayLike,
