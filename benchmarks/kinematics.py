@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -120,6 +120,10 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
             lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2), perf_counter
         )
         rows.append((_TWO_THREADS, two))
+        both = per_pose * seconds(
+            lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2), process_time
+        )
+        rows.append(("  CPU time of both threads together", both))
     warm = per_pose * seconds(lambda: solve_forward_kinematics(robot, batch_lengths, near))
     rows.append((f"forward kinematics, from 1 cm away, batch of {BATCH}", warm))
     if with_numpy:

@@ -141,15 +141,19 @@ def _mixed(
     t_max: ArrayLike,
 ) -> TensionResult:
     """Return the last result with other tensions."""
+    last = results[-1]
     error = np.asarray(wrench_matrix) @ tensions - np.asarray(wrench)
     below, above = tensions - np.asarray(t_min), np.asarray(t_max) - tensions
-    feasible = all(bool(result.feasible) for result in results)
-    return replace(
-        results[-1],
+    feasible = np.asarray(all(bool(result.feasible) for result in results))
+    residual, margin = np.asarray(np.linalg.norm(error)), np.asarray(min(below.min(), above.min()))
+    active = np.asarray(above <= 0.0).astype(np.int8) - np.asarray(below <= 0.0).astype(np.int8)
+    for array in (tensions, feasible, residual, error, margin, active):
+        array.setflags(write=False)
+    return last._replace(
         tensions=tensions,
-        feasible=np.asarray(feasible),
-        residual=np.asarray(np.linalg.norm(error)),
+        feasible=feasible,
+        residual=residual,
         residual_wrench=error,
-        margin=np.asarray(min(below.min(), above.min())),
-        active=(np.asarray(above <= 0.0).astype(np.int8) - np.asarray(below <= 0.0).astype(np.int8)),
+        margin=margin,
+        active=active,
     )
