@@ -75,6 +75,7 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+STRING = "std_msgs/msg/String"
 
 
 def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
@@ -158,6 +159,13 @@ DRIVE_STATES = _latched(
     "values: brake, error_code, statusword",
 )
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
+EVENTS = _reliable(
+    "/events",
+    STRING,
+    Rate.ON_REQUEST,
+    "*",
+    "text of something worth finding again in a recording, at the time of its arrival; anybody may publish one",
+)
 SIMULATED_PAYLOAD = _stream(
     "/simulation/payload",
     INERTIA_STAMPED,
@@ -211,6 +219,7 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         TRAJECTORY_STATE,
         DRIVE_STATES,
         DIAGNOSTICS,
+        EVENTS,
         SIMULATED_PAYLOAD,
         SET_SIMULATED_PAYLOAD,
     )
