@@ -158,6 +158,13 @@ DRIVE_STATES = _latched(
     "also once a second: first the driver as a whole, then one status a motor: message = CiA 402 state; "
     "values: brake, error_code, statusword",
 )
+RECORDER_STATE = _latched(
+    "/recorder_state",
+    DIAGNOSTIC_STATUS,
+    Rate.ON_CHANGE,
+    "recorder",
+    "message = state of the recording: recording, paused, failed; values: bag, cause",
+)
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
 EVENTS = _reliable(
     "/events",
@@ -218,6 +225,7 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         ROBOT_STATE,
         TRAJECTORY_STATE,
         DRIVE_STATES,
+        RECORDER_STATE,
         DIAGNOSTICS,
         EVENTS,
         SIMULATED_PAYLOAD,
