@@ -75,6 +75,7 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+STRING = "std_msgs/msg/String"
 
 
 def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
@@ -163,7 +164,21 @@ DRIVE_STATES = _latched(
     "also once a second: first the driver as a whole, then one status a motor: message = CiA 402 state; "
     "values: brake, error_code, statusword",
 )
+RECORDER_STATE = _latched(
+    "/recorder_state",
+    DIAGNOSTIC_STATUS,
+    Rate.ON_CHANGE,
+    "recorder",
+    "message = state of the recording: recording, paused, failed; values: bag, cause",
+)
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
+EVENTS = _reliable(
+    "/events",
+    STRING,
+    Rate.ON_REQUEST,
+    "*",
+    "text of something worth finding again in a recording, at the time of its arrival; anybody may publish one",
+)
 SIMULATED_PAYLOAD = _stream(
     "/simulation/payload",
     INERTIA_STAMPED,
@@ -216,7 +231,9 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         ROBOT_STATE,
         TRAJECTORY_STATE,
         DRIVE_STATES,
+        RECORDER_STATE,
         DIAGNOSTICS,
+        EVENTS,
         SIMULATED_PAYLOAD,
         SET_SIMULATED_PAYLOAD,
     )
