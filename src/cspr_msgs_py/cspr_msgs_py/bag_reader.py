@@ -79,6 +79,13 @@ class Bag:
     path : path
         Directory of a bag, or one of its files.
 
+    Attributes
+    ----------
+    path : Path
+    announced_counts : dict of str to int
+        Messages of each topic by ``metadata.yaml``: more than there are in a damaged bag, fewer in one whose
+        recorder was killed or still runs; empty without that file.
+
     Raises
     ------
     BagError
@@ -89,7 +96,7 @@ class Bag:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self._files: list[McapFile] = []
-        paths, self._each_compressed = _files(self.path)
+        paths, self._each_compressed, self.announced_counts = _files(self.path)
         problems: list[BagError] = []
         for file in paths:
             try:
@@ -355,12 +362,15 @@ class Bag:
             )
 
 
-def _files(path: Path) -> tuple[list[Path], bool]:
-    """Return the files of the bag at `path` in the order of time, and whether each message is compressed."""
+def _files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
+    """Return the files of a bag in the order of time, whether each message is compressed, and announced counts."""
     if not path.exists():
         raise BagError(f"there is no bag {path}")
     if not path.is_dir():
-        return [path], False
+        return [path], False, {}
+    names: list[Path] = []
+    mode = ""
+    counts: dict[str, int] = {}
     try:
         content = yaml.safe_load((path / METADATA_FILE).read_text())
         information = content["rosbag2_bagfile_information"]
@@ -371,9 +381,11 @@ def _files(path: Path) -> tuple[list[Path], bool]:
             )
         names = [path / Path(name).name for name in information["relative_file_paths"]]
         mode = str(information.get("compression_mode", "")).lower()
+        for topic in information["topics_with_message_count"]:
+            counts[topic["topic_metadata"]["name"]] = int(topic["message_count"])
     except FileNotFoundError:  # what a recording leaves that was cut off at its very start
-        names, mode = [], ""
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        pass
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: {error}") from error
     if mode == "file":  # depending on its version rosbag2 lists the files without what compression appends
         names = [_compressed(name) for name in names]
@@ -382,7 +394,7 @@ def _files(path: Path) -> tuple[list[Path], bool]:
     names += [file for file in sorted(path.glob("*.mcap"), key=_number) if file.name not in named]
     if not names:
         raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file")
-    return names, mode == "message"
+    return names, mode == "message", counts
 
 
 def _compressed(name: Path) -> Path:

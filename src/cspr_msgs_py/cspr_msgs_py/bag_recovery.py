@@ -80,11 +80,19 @@ def recover(
             except OSError as error:
                 copy.abandon()
                 raise BagError(f"cannot write {copy.directory}: {error.strerror}") from error
-            missing: Counter[str] = Counter()
-            for file in bag.files:
-                for channel, number in file.missing.items():
-                    missing[file.channels[channel].topic] += number
-            return Recovery(copy.directory, copy.counts, dict(missing), losses, bag.start_ns, bag.end_ns)
+            missing = _missing(bag, copy.counts)
+            return Recovery(copy.directory, copy.counts, missing, losses, bag.start_ns, bag.end_ns)
+
+
+def _missing(bag: Bag, recovered: dict[str, int]) -> dict[str, int]:
+    """Return how many messages of each topic are known to have been in the bag and are not any more."""
+    missing: Counter[str] = Counter()
+    for file in bag.files:
+        for channel, number in file.missing.items():
+            missing[file.channels[channel].topic] += number
+    for topic, number in bag.announced_counts.items():
+        missing[topic] = max(missing[topic], number - recovered.get(topic, 0))
+    return {topic: number for topic, number in missing.items() if number}
 
 
 def _begin(bag: Bag, output: str | os.PathLike[str]) -> BagFile:

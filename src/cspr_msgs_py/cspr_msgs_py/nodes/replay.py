@@ -27,10 +27,13 @@ from cspr_msgs_py.nodes.process import LEAN_NODE
 from cspr_msgs_py.qos import replay_profile
 from cspr_msgs_py.replay_pace import ReplayPace
 from cspr_msgs_py.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
-from cspr_msgs_py.topics import MOTOR_STATES
+from cspr_msgs_py.topics import MOTOR_STATES, graph_topics
 
 CLOCK = "/clock"
 DRIVER = "can_drives"  # the node that passes the motors' commands on to real drives
+
+# What any number of nodes publish: nobody takes a replayed message for one of another.
+_COMMON = {"/rosout", "/parameter_events", *(topic.name for topic in graph_topics(0) if topic.writer == "*")}
 
 _CLOCK_PERIOD = 0.01  # s, on the clock on the wall and in the bag's time alike
 _LOOK_PERIOD = 0.1  # s between two looks at the keyboard and the progress bar
@@ -159,7 +162,7 @@ class Replay:
             raise StartError(f"no topic of {self._bag.path} can be published")
 
     def _refuse_other_publishers(self) -> None:
-        for name in (*self._publishers, CLOCK):
+        for name in {*self._publishers, CLOCK} - _COMMON:
             publishers = self._node.get_publishers_info_by_topic(name)
             others = {each.node_name for each in publishers} - {self._node.get_name()}
             if others:
