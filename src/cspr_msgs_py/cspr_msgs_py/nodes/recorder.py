@@ -25,7 +25,7 @@ from cspr_msgs_py.errors import MessageError, StartError
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
 from cspr_msgs_py.nodes.recorder_intake import Intake
-from cspr_msgs_py.nodes.scheduling import set_niceness
+from cspr_msgs_py.nodes.scheduling import set_background
 from cspr_msgs_py.qos import compatible_profile, offered_qos, qos_profile
 from cspr_msgs_py.recording_information import recording_information
 from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
@@ -111,9 +111,15 @@ class Recorder(Node):
 
     def _set_niceness(self) -> None:
         niceness = declare(
-            self, "nice", 5, "nice level of taking and writing messages", minimum=0, maximum=19, read_only=True
+            self,
+            "nice",
+            5,
+            "nice level of taking and writing messages",
+            minimum=0,
+            maximum=19,
+            read_only=True,
         )
-        refusal = set_niceness(niceness)
+        refusal = set_background(niceness)
         if refusal is not None:
             self.get_logger().warning(refusal)
 
