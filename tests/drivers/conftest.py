@@ -16,8 +16,9 @@ from cspr_drivers.can_config import CanConfig
 REPOSITORY = Path(__file__).parents[2]
 CHANNELS = itertools.count()
 
-# Status words typed from IEC 61800-7-201, table of state coding, with bit 14 for the open brake.
-SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x40, 0x21, 0x23, 0x4027, 0x4007, 0x08
+# Status words typed from IEC 61800-7-201, table of state coding, with bit 14 for the open brake; bit 4: the power
+# stage has its supply; bit 12: the target torque is followed.
+SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x50, 0x31, 0x33, 0x5037, 0x4017, 0x18
 
 
 def numbers(**sizes):

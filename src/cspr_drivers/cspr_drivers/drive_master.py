@@ -13,7 +13,7 @@ from functools import partial
 from cspr_drivers import clock
 from cspr_drivers.can_bus import CanPorts, CyclicFrame
 from cspr_drivers.can_config import CanConfig
-from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
+from cspr_drivers.canopen_device import OPERATIONAL, CanopenDevice, NmtCommand
 from cspr_drivers.command_check import CommandCheck, CommandFault
 from cspr_drivers.commissioning import Commissioning
 from cspr_drivers.cycle import Cycle
@@ -22,6 +22,7 @@ from cspr_drivers.device_setup import set_up_drive
 from cspr_drivers.drive_group import IN_MOTION, DriveGroup, GroupState
 from cspr_drivers.drive_report import DriveReport, MotorStates
 from cspr_drivers.drive_status import DriveStatus
+from cspr_drivers.emergency import Emergency
 from cspr_drivers.errors import BusError, DeviceError
 from cspr_drivers.frame_table import (
     POSITION_ACTUAL,
@@ -33,7 +34,7 @@ from cspr_drivers.frame_table import (
 from cspr_drivers.motor_speed import PositionDifference
 from cspr_drivers.torque_frames import torque_frames
 
-OPERATIONAL = 5  # NMT state in the heartbeat (CiA 301, section 7.2.8.3.2)
+_HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
 
 _LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
 
@@ -91,8 +92,9 @@ class DriveMaster:
             cob_id(FunctionCode.HEARTBEAT, config.master_node_id), bytes([OPERATIONAL])
         )
         self._heartbeat_due = 0.0
+        self._heartbeats_due = 0.0
         self._other_driver = threading.Event()
-        self._stopped = False
+        self._started = self._stopped = False
         self._clock = CycleClock(config.period, self._tick)
         self._commissioning = Commissioning(
             [str(drive) for drive in config.drives], self._configure, self._may_configure, report
@@ -120,11 +122,12 @@ class DriveMaster:
         heartbeat = self._heartbeat.arbitration_id
         for port in self._ports:
             port.subscribe(heartbeat, lambda data, now: self._other_driver.set())
-        if self._other_driver.wait(1.5 * self._config.timeouts.heartbeat_producer):
+        if self._other_driver.wait(clock.on_computer(1.5 * self._config.timeouts.heartbeat_producer)):
             raise BusError(
                 "another driver is active on the CAN bus: "
                 f"its heartbeat as node {self._config.master_node_id} was seen"
             )
+        self._started = True
         for index, drive in enumerate(self._config.drives):
             self._ports[drive.bus].subscribe(
                 cob_id(FunctionCode.TPDO1, drive.node_id), partial(self._feedback, index)
@@ -133,15 +136,28 @@ class DriveMaster:
         self._clock.start()
         self._commissioning.start()
 
+    def come_to_rest(self) -> None:
+        """Close the brakes and wait until they hold, no longer than a limit."""
+        self.disable()
+        deadline = clock.monotonic() + 2.0 * self._config.timeouts.stop
+        while self._clock.running and clock.monotonic() < deadline and not self._at_rest():
+            clock.sleep(self._config.period)
+
     def stop(self) -> None:
         """Close the brakes, wait until they hold (no longer than a limit), and leave the bus."""
         if self._stopped:
             return
         self._stopped = True
-        self.disable()
-        deadline = clock.monotonic() + 2.0 * self._config.timeouts.stop
-        while self._clock.running and clock.monotonic() < deadline and not self._at_rest():
-            clock.sleep(self._config.period)
+        if self._started:
+            self._leave_drives()
+        for port in self._ports:
+            port.unsubscribe(self._heartbeat.arbitration_id)
+        for device, drive in zip(self._devices, self._config.drives, strict=True):
+            device.release()
+            self._ports[drive.bus].unsubscribe(cob_id(FunctionCode.TPDO1, drive.node_id))
+
+    def _leave_drives(self) -> None:
+        self.come_to_rest()
         self._commissioning.stop()
         for device in self._devices:
             try:
@@ -150,11 +166,6 @@ class DriveMaster:
                 break  # the bus takes no frames; the drives notice the missing heartbeat
         self._clock.stop()
         self._ports.off_sync(self._begin_cycle)
-        for port in self._ports:
-            port.unsubscribe(self._heartbeat.arbitration_id)
-        for device, drive in zip(self._devices, self._config.drives, strict=True):
-            device.release()
-            self._ports[drive.bus].unsubscribe(cob_id(FunctionCode.TPDO1, drive.node_id))
 
     # Torque commands.
 
@@ -195,20 +206,20 @@ class DriveMaster:
 
     # The operator's commands.
 
-    def enable(self) -> str | None:
-        """Begin to release the brakes; return why not when that is refused."""
+    def enable(self, index: int | None = None) -> str | None:
+        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
         with self._lock:
-            refusal = self._group.enable(clock.monotonic())
+            refusal = self._group.enable(clock.monotonic(), index)
             if refusal is None:
                 self._cycle.clear()
                 self._clock.clear()
                 self._postponed = 0
             return refusal
 
-    def disable(self) -> None:
-        """Begin to close the brakes and to take the torque away."""
+    def disable(self, index: int | None = None) -> None:
+        """Begin to close the brakes, of all drives or of one, and to take the torque away."""
         with self._lock:
-            self._group.disable(clock.monotonic())
+            self._group.disable(clock.monotonic(), index)
             self._send_changed()
 
     def quick_stop(self, cause: str) -> None:
@@ -217,10 +228,10 @@ class DriveMaster:
             self._group.quick_stop(cause, clock.monotonic())
             self._send_changed()
 
-    def fault_reset(self) -> str | None:
-        """Begin to reset faults and the latched cause; return why not when that is refused."""
+    def fault_reset(self, index: int | None = None) -> str | None:
+        """Begin to reset faults and the latched cause, or the fault of one drive; return why not when refused."""
         with self._lock:
-            return self._group.fault_reset(clock.monotonic())
+            return self._group.fault_reset(clock.monotonic(), index)
 
     def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
         """Return state and cause of the group, and the state of each drive."""
@@ -229,11 +240,14 @@ class DriveMaster:
 
     def snapshot(self) -> DriveReport:
         """Return the present state."""
+        now = clock.monotonic()
         with self._lock:
             return DriveReport(
                 self._group.state,
                 self._group.cause,
                 self._group.drives,
+                self._group.members,
+                tuple(self._group.feedback_age(index, now) for index in range(len(self._devices))),
                 self._commissioning.problems,
                 self._cycle.statistics(),
                 self._rejected,
@@ -337,11 +351,18 @@ class DriveMaster:
             return self._group.state not in IN_MOTION and self._group.held
 
     def _watch_heartbeats(self, now: float) -> None:
+        if now < self._heartbeats_due:
+            return
+        self._heartbeats_due = now + _HEARTBEAT_WATCH
+        times = self._config.timeouts
         for index, (device, drive) in enumerate(zip(self._devices, self._group.drives, strict=True)):
-            if not drive.unavailable:
-                age = device.heartbeat_age(now)
-                if age > self._config.timeouts.heartbeat_consumer:
-                    self._lose(index, f"no heartbeat for {1e3 * age:.0f} ms", now)
+            if drive.unavailable:
+                continue
+            age = device.heartbeat_age(now)
+            if age > times.heartbeat_consumer:
+                self._lose(index, f"no heartbeat for {1e3 * age:.0f} ms", now)
+            elif state := device.not_operational(grace=times.heartbeat_producer):
+                self._lose(index, f"left NMT operational, it is {state}", now)
 
     def _booted(self, index: int) -> None:
         with self._lock:
@@ -352,7 +373,7 @@ class DriveMaster:
         self._frames[index].control_word = None
         self._commissioning.request(index, reason)
 
-    def _emergency(self, index: int, error_code: int, register: int, data: bytes) -> None:
+    def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:
-            # Codes 00xxh say that the error is gone (CiA 301, section 7.2.7.1).
-            self._group.emergency(index, error_code if error_code & 0xFF00 else 0)
+            self._group.emergency(index, Emergency(code, register, data, clock.monotonic()))
+            self._send_changed()

@@ -27,6 +27,10 @@ class DriveReport:
     ----------
     state, cause, drives
         Of the group of drives.
+    members
+        Names of the drives that are in operation, or on the way there.
+    feedback_ages
+        Time since each drive was last heard, s; infinite before that.
     not_configured
         Devices that are not configured, with the reason.
     statistics
@@ -42,6 +46,8 @@ class DriveReport:
     state: GroupState
     cause: str
     drives: tuple[DriveStatus, ...]
+    members: tuple[str, ...]
+    feedback_ages: tuple[float, ...]
     not_configured: dict[str, str]
     statistics: CycleStatistics
     rejected_commands: int
