@@ -121,7 +121,7 @@ class ScriptedDrive(ScriptedNode):
             0x402,
             numbers(
                 u32={(0x1000, 0): 0x0002_0192, (0x6502, 0): 0x200, (0x1016, 1): 0}
-                | {(0x6075, 0): 4200, (0x6076, 0): 5000, (0x608F, 1): 131072, (0x608F, 2): 1},
+                | {(0x6075, 0): 4200, (0x6076, 0): 5000, (0x608F, 1): 131072, (0x608F, 2): 1, (0x60FD, 0): 0},
                 u16={(0x6007, 0): 1, (0x605A, 0): 2, (0x605B, 0): 1, (0x605C, 0): 1, (0x605D, 0): 1}
                 | {(0x605E, 0): 2, (0x6072, 0): 1000},
                 u8={(0x1029, 1): 0, (0x6060, 0): 0, (0x6061, 0): 10},
@@ -131,6 +131,7 @@ class ScriptedDrive(ScriptedNode):
         )
         self.status = SWITCH_ON_DISABLED
         self.counts = 0
+        self.velocity = 0
         self.torque = 0
         self.control = 0
         self.rpdos = []
@@ -227,6 +228,11 @@ class ScriptedBus:
         for node in self.nodes.values():
             if node.operational and node.answers_sync:
                 self.send(0x180 + node.node_id, node.tpdo())
+                if (
+                    int.from_bytes(node.objects.get((0x1801, 1), b"\x80"), "little")
+                    == 0x4000_0280 + node.node_id
+                ):
+                    self.send(0x280 + node.node_id, struct.pack("<i", node.velocity))
 
 
 @pytest.fixture(scope="session")

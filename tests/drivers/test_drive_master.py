@@ -1,4 +1,5 @@
 import dataclasses
+import errno
 import math
 import time
 
@@ -6,6 +7,7 @@ import can
 import pytest
 
 from cspr_drivers.can_bus import CanPort, CanPorts
+from cspr_drivers.can_config import CanConfig
 from cspr_drivers.drive_group import GroupState
 from cspr_drivers.drive_master import DriveMaster
 from cspr_drivers.errors import BusError
@@ -74,11 +76,11 @@ def test_drives_are_configured_and_started(rig, far_end, wait_until):
     assert drive.read(0x1800, 1) == 0x4000_0183
     assert drive.read(0x1800, 2) == 1
     assert [drive.read(0x1A00, n) for n in (0, 1, 2, 3)] == [3, 0x6041_0010, 0x6064_0020, 0x6077_0010]
-    assert all(
-        drive.read(base + n, 1) == 0x8000_0003 + first + 0x100 * n
-        for base, first in ((0x1400, 0x200), (0x1800, 0x180))
-        for n in (1, 2, 3)
-    )
+    assert [drive.read(0x1400 + n, 1) for n in (1, 2, 3)] == [0x8000_0303, 0x8000_0403, 0x8000_0503]
+    assert [drive.read(0x1800 + n, 1) for n in (1, 3)] == [0x8000_0283, 0x8000_0483]
+    # The input of the emergency stop: TPDO 3, on a change.
+    assert [drive.read(0x1802, n) for n in (1, 2)] == [0x4000_0383, 255]
+    assert [drive.read(0x1A02, n) for n in (0, 1)] == [1, 0x60FD_0020]
 
 
 def test_a_pdo_is_written_in_the_order_of_the_standard_and_read_back(rig, far_end, wait_until):
@@ -480,3 +482,92 @@ def test_the_errors_of_a_drive_are_kept_with_text_and_remedy(rig, far_end, wait_
     far_end.send(0x081, bytes.fromhex("00 00 00 00 00 00 00 00"))
     wait_until(lambda: not rig.master.snapshot().drives[0].errors)
     assert rig.state is GroupState.DISABLED
+
+
+def test_the_emergency_stop_input_stops_the_drives(enabled, far_end, wait_until):
+    far_end.send(0x384, bytes.fromhex("08 00 00 00"))
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause == "emergency stop: input of motor_4"
+    wait_until(lambda: enabled.master.fault_reset() is None)
+    wait_until(lambda: enabled.state is GroupState.NOT_READY)
+    assert enabled.master.enable() == "motor_4: its emergency stop input is active"
+    far_end.send(0x384, bytes.fromhex("00 00 00 00"))
+    wait_until(lambda: enabled.state is GroupState.DISABLED)
+
+
+def test_an_emergency_stop_that_is_active_from_the_start_is_seen(config, ports, far_end, wait_until):
+    far_end.drives[3].objects[0x60FD, 0] = bytes.fromhex("08 00 00 00")
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.master.enable() == "motor_4: its emergency stop input is active")
+    finally:
+        rig.master.stop()
+
+
+def test_a_bus_that_fails_is_the_cause(enabled, ports):
+    ports["main"].receive_failed(can.CanOperationError("Network is down", errno.ENETDOWN))
+    assert enabled.state is GroupState.FAULT
+    assert enabled.cause.startswith("bus main: Network is down")
+
+
+def test_answered_late_and_missing_are_counted_for_each_drive(enabled, far_end, wait_until):
+    far_end.drives[5].answers_sync = False
+    wait_until(lambda: enabled.master.snapshot().statistics.answers[5].missing > 3)
+    answers = enabled.master.snapshot().statistics.answers
+    assert answers[0].answered > answers[5].answered
+    far_end.send(0x186, far_end.drives[5].tpdo())  # an answer to a SYNC of long ago
+    wait_until(lambda: enabled.master.snapshot().statistics.answers[5].late == 1)
+    assert enabled.master.snapshot().feedback_ages[5] >= 0.0
+
+
+@pytest.fixture
+def velocity_config(mapping, far_end):
+    """Drives that send their velocity in a second TPDO, in revolutions a minute."""
+    mapping["velocity_source"] = "velocity_actual"
+    mapping["pdo"]["drive_tpdo_2"] = ["velocity_actual"]
+    for drive in far_end.drives:
+        drive.objects[0x60A9, 0] = bytes.fromhex("00 47 B4 00")  # CiA 303-2: revolutions a minute
+    return CanConfig.from_mapping(mapping, "can.yaml")
+
+
+def test_the_speed_is_the_one_that_the_drives_measure(config, velocity_config, ports, far_end, wait_until):
+    del config
+    rig = Rig(velocity_config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.states)
+        far_end.drives[0].velocity = 60
+        far_end.drives[1].velocity = 60  # polarity -1
+        wait_until(lambda: rig.states[-1].speeds[0] != 0.0)
+        wait_until(lambda: rig.states[-1].speeds[:2] == pytest.approx((2 * math.pi, -2 * math.pi)))
+        assert rig.states[-1].angles[0] == 0.0  # whatever the positions are
+        assert [far_end.drives[0].read(0x1801, n) for n in (1, 2)] == [0x4000_0281, 1]
+        assert far_end.drives[0].read(0x1A01, 1) == 0x606C_0020
+    finally:
+        rig.master.stop()
+
+
+def test_a_velocity_of_unknown_unit_is_refused(velocity_config, ports, far_end, wait_until):
+    far_end.drives[2].objects[0x60A9, 0] = bytes.fromhex("00 47 01 00")
+    rig = Rig(velocity_config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert rig.lines[0].startswith(
+            "motor_3 (node 3 on main): 60A9h:00 (SI unit velocity) is 83712 (0x14700): "
+        )
+        assert far_end.drives[2].writes == []
+    finally:
+        rig.master.stop()
+
+
+def test_positions_of_unknown_unit_are_refused(config, ports, far_end, wait_until):
+    far_end.drives[2].objects[0x60A8, 0] = bytes.fromhex("00 00 41 00")  # degrees
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert "60A8h:00 (SI unit position) is 4259840 (0x410000), not increments" in rig.lines[0]
+    finally:
+        rig.master.stop()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -48,7 +49,29 @@ def not_configured(node: str) -> DiagnosticStatus:
 
 def drive_diagnostics(report: DriveReport) -> list[DiagnosticStatus]:
     """Return the health of the driver of the drives."""
-    return [_driver_diagnostics(report)]
+    return [_driver_diagnostics(report), *_each_drive(report)]
+
+
+def _each_drive(report: DriveReport) -> Iterator[DiagnosticStatus]:
+    for place, (drive, facts) in enumerate(zip(report.drives, report.facts, strict=True)):
+        counts = report.statistics.answers[place]
+        values = {
+            "answered": counts.answered,
+            "late": counts.late,
+            "missing": counts.missing,
+            "feedback_age_ms": _milliseconds(report.feedback_ages[place]),
+            "heartbeat_age_ms": _milliseconds(report.heartbeat_ages[place]),
+            "nmt_state": report.nmt_states[place],
+            "errors": "; ".join(str(error) for error in drive.errors),
+            "remedy": "; ".join(error.remedy for error in drive.errors),
+        }
+        if facts is not None:
+            values["written_settings"] = facts.written
+            if facts.rated_current is not None:
+                values["rated_current_a"] = f"{facts.rated_current:g}"
+        level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
+        message = drive.unavailable or drive.state_name
+        yield diagnostic_status(f"can_drives: {drive.name}", level, message, values)
 
 
 def _driver_diagnostics(report: DriveReport) -> DiagnosticStatus:
@@ -102,6 +125,8 @@ def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
         "unknown_frames": port.unknown_frames,
         "malformed_frames": port.malformed_frames,
         "send_errors": port.send_errors,
+        "send_retries": port.send_retries,
+        "dropped_frames": port.dropped_frames,
         "bus_errors": port.bus_errors,
     }
     level = Level.WARN if any(counts.values()) else Level.OK

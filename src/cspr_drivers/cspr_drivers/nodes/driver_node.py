@@ -46,6 +46,7 @@ class DriverNode(LifecycleNode):
         )
         self._ports: CanPorts | None = None
         self._error: Exception | None = None
+        self._starting = False  # then what goes wrong ends the process, and is said there
 
     def autostart(self) -> None:
         """Configure and activate, if the parameter says so.
@@ -57,9 +58,11 @@ class DriverNode(LifecycleNode):
         """
         if not self._autostart:
             return
+        self._starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() is not TransitionCallbackReturn.SUCCESS and self._error is not None:
                 raise self._error
+        self._starting = False
 
     @property
     def ports(self) -> CanPorts:
@@ -161,7 +164,8 @@ class DriverNode(LifecycleNode):
             act()
         except Exception as error:
             self._error = error
-            self.get_logger().error(" ".join(str(error).split()))
+            if not self._starting:
+                self.get_logger().error(" ".join(str(error).split()))
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
 
