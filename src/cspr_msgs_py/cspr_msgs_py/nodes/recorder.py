@@ -111,7 +111,13 @@ class Recorder(Node):
 
     def _set_niceness(self) -> None:
         niceness = declare(
-            self, "nice", 5, "nice level of taking and writing messages", minimum=0, maximum=19, read_only=True
+            self,
+            "nice",
+            5,
+            "nice level of taking and writing messages",
+            minimum=0,
+            maximum=19,
+            read_only=True,
         )
         refusal = set_niceness(niceness)
         if refusal is not None:
