@@ -14,7 +14,16 @@ from cspr_kinematics import KinematicsError, Robot
 
 ROBOT_FILE = "robot.yaml"
 _CONTROL_FILE = "control.yaml"
-_SAME_MACHINE = ("name", "exit_points", "anchor_points", "pulleys", "frame_size", "platform_size", "winch", "home")
+_SAME_MACHINE = (
+    "name",
+    "exit_points",
+    "anchor_points",
+    "pulleys",
+    "frame_size",
+    "platform_size",
+    "winch",
+    "home",
+)
 """Keys of robot.yaml that make it another robot: with another of these, motor angles mean something else."""
 _SHOWN = 3  # differences that a note names
 
@@ -85,7 +94,9 @@ def read_configuration(
                 robot = Robot.from_yaml(source)
                 remarks.append(f"{bag} has no {ROBOT_FILE} attached: {source} is used in its place")
     except KinematicsError as error:
-        raise ControlError(f"{bag}: no robot to analyse with: {error} (name one with --robot FILE)") from error
+        raise ControlError(
+            f"{bag}: no robot to analyse with: {error} (name one with --robot FILE)"
+        ) from error
     remarks += _compare_with_disk(files, bag, directory)
     return Configuration(files, robot, source), tuple(remarks)
 
@@ -110,7 +121,9 @@ def _compare_with_disk(files: Mapping[str, str], bag: Path, directory: Path) -> 
     for name in sorted(files):
         path = directory / name
         if path.is_file():
-            found = differences(parsed(files[name]), parsed(path.read_text(encoding="utf-8", errors="replace")))
+            found = differences(
+                parsed(files[name]), parsed(path.read_text(encoding="utf-8", errors="replace"))
+            )
             if found:
                 yield (
                     f"{name} in {bag} differs from {path}: {describe(found, 'recorded', 'on disk')}; "
@@ -143,7 +156,9 @@ def require_one_robot(configurations: Mapping[str, Configuration]) -> tuple[str,
                 f"{describe(found, 'first', 'second')}"
             )
         if found:
-            remarks.append(f"the robots of {first_name} and {name} differ: {describe(found, 'first', 'second')}")
+            remarks.append(
+                f"the robots of {first_name} and {name} differ: {describe(found, 'first', 'second')}"
+            )
     return tuple(remarks)
 
 
@@ -156,7 +171,10 @@ def _robot_values(robot: Robot) -> dict[str, Any]:
         "name": robot.name,
         "exit_points": robot.exit_points.tolist(),
         "anchor_points": robot.anchor_points.tolist(),
-        "pulleys": {"radius": robot.pulleys.radius.tolist(), "swivel_axis": robot.pulleys.swivel_axis.tolist()},
+        "pulleys": {
+            "radius": robot.pulleys.radius.tolist(),
+            "swivel_axis": robot.pulleys.swivel_axis.tolist(),
+        },
         "frame_size": robot.frame_size.tolist(),
         "platform_size": robot.platform_size.tolist(),
         "winch": {"drum_radius": robot.winch.drum_radius, "gear_ratio": robot.winch.gear_ratio},
@@ -189,7 +207,10 @@ def differences(first: Any, second: Any, path: str = "") -> dict[str, tuple[Any,
 
 def describe(found: Mapping[str, tuple[Any, Any]], first: str, second: str) -> str:
     """Return differences as a phrase: ``platform.mass is 153 recorded, 160 on disk``; the first few of many."""
-    shown = [f"{key or 'the content'} is {_short(a)} {first}, {_short(b)} {second}" for key, (a, b) in found.items()]
+    shown = [
+        f"{key or 'the content'} is {_short(a)} {first}, {_short(b)} {second}"
+        for key, (a, b) in found.items()
+    ]
     more = f"; and {len(shown) - _SHOWN} more" if len(shown) > _SHOWN else ""
     return "; ".join(shown[:_SHOWN]) + more
 

@@ -98,5 +98,7 @@ def _values(entries: Sequence[tuple[int, Status]]) -> Mapping[str, str]:
 
 
 def _cycles(values: Mapping[str, str]) -> tuple[int, int]:
-    skipped = int(values.get("skipped_sync", "0"))  # a SYNC that was left out is a cycle that was missed as well
+    skipped = int(
+        values.get("skipped_sync", "0")
+    )  # a SYNC that was left out is a cycle that was missed as well
     return int(values["cycles"]) + skipped, int(values["missed_cycles"]) + skipped

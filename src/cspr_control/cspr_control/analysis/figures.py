@@ -13,6 +13,7 @@ from cspr_control.analysis import paper_figures, run_figures
 from cspr_control.analysis.cycles import cycle_periods
 from cspr_control.analysis.decimation import envelope
 from cspr_control.analysis.error_statistics import ErrorStatistics
+from cspr_control.analysis.mass_metrics import MassChange
 from cspr_control.analysis.run_analysis import RunAnalysis
 from cspr_control.analysis.style import house_style, save_figure
 from cspr_kinematics import Pose
@@ -21,6 +22,7 @@ Floats = NDArray[np.float64]
 
 MOTOR_OF_FIGURE_12 = 3
 CABLE_OF_FIGURE_10 = 1
+_NO_DEVIATION = 0.01  # N, below which the two models agree
 _POINTS = 3000  # a line of a picture has no more to show
 
 
@@ -90,21 +92,35 @@ def _model_tensions(run: RunAnalysis) -> Figure | None:
     )
 
 
-def _payload_change(run: RunAnalysis) -> Figure | None:
-    changes = run.recording.truth is not None and run.metrics.mass is not None and run.metrics.mass.changes
-    if not changes or run.predicted is None:
+def payload_change(run: RunAnalysis) -> tuple[MassChange, NDArray[np.int64], Floats] | None:
+    """Return what Fig. 10 is about: the first change of the load, times (n,) in ns, and the models' deviation (n, 1).
+
+    As in the paper only as long as the platform accelerates: behind that there is no deviation to compare. None if
+    the load does not change, or only later.
+    """
+    if run.predicted is None or run.metrics.mass is None or not run.metrics.mass.changes:
         return None
-    change = changes[0]
+    change = run.metrics.mass.changes[0]
     deviation = (run.predicted.dynamic - run.predicted.static)[:, [CABLE_OF_FIGURE_10 - 1]]
-    # as in the paper, only as long as the platform accelerates: behind that there is no deviation to compare
-    accelerated = np.flatnonzero(run.recording.judged(run.predicted.time_ns) & (np.abs(deviation[:, 0]) > 0.01))
+    counted = run.recording.judged(run.predicted.time_ns)
+    accelerated = np.flatnonzero(counted & (np.abs(deviation[:, 0]) > _NO_DEVIATION))
     if accelerated.size == 0:
         return None
-    until = int(accelerated[-1]) + 1
-    time, values = _judged(run, run.predicted.time_ns[:until], deviation[:until])
-    return paper_figures.payload_change_figure(
-        time, values[:, 0], change.time, CABLE_OF_FIGURE_10, f"{change.mass - change.mass_before:+g} kg"
-    )
+    time_ns = run.predicted.time_ns
+    if run.recording.seconds(time_ns[accelerated[[-1]]])[0] <= change.time:
+        return None
+    counted[accelerated[-1] + 1 :] = False
+    return change, time_ns[counted], deviation[counted]
+
+
+def _payload_change(run: RunAnalysis) -> Figure | None:
+    found = payload_change(run)
+    if found is None:
+        return None
+    change, time_ns, deviation = found
+    time, values = envelope(run.recording.seconds(time_ns), deviation, _POINTS)
+    text = f"{change.mass - change.mass_before:+g} kg"
+    return paper_figures.payload_change_figure(time, values[:, 0], change.time, CABLE_OF_FIGURE_10, text)
 
 
 def _measured_tensions(run: RunAnalysis) -> Figure | None:
@@ -165,9 +181,7 @@ def _error_over_time(runs: Sequence[RunAnalysis]) -> Figure | None:
             if time.size:
                 panels.setdefault(run.load_text(), {})[run.name] = (time, values[:, 0])
                 changes = changes or run.load_changes()
-    return (
-        paper_figures.motor_error_over_time_figure(panels, MOTOR_OF_FIGURE_12, changes) if panels else None
-    )
+    return paper_figures.motor_error_over_time_figure(panels, MOTOR_OF_FIGURE_12, changes) if panels else None
 
 
 def _mass(runs: Sequence[RunAnalysis]) -> Figure | None:

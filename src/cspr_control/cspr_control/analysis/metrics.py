@@ -220,9 +220,7 @@ def _margins(recording: Recording, judged: NDArray[np.bool_]) -> dict[str, Margi
             axis = int(inside[nearest].argmin())
             low = position[nearest, axis] - robot.workspace_min[axis] <= inside[nearest, axis]
             bound = (robot.workspace_min if low else robot.workspace_max)[axis]
-            margins["workspace_m"] = Margin(
-                float(inside[nearest, axis]), float(bound), 0, float(at[nearest])
-            )
+            margins["workspace_m"] = Margin(float(inside[nearest, axis]), float(bound), 0, float(at[nearest]))
     return margins
 
 

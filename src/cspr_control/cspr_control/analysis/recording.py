@@ -192,11 +192,11 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
     setpoints = optional(
         SETPOINT.name, lambda t: _sorted(bag.joint_states(t)), "no motor position and velocity errors"
     )
-    tensions = optional(
-        CABLE_TENSIONS.name, lambda t: _sorted(bag.joint_states(t)), "no measured tensions"
-    )
+    tensions = optional(CABLE_TENSIONS.name, lambda t: _sorted(bag.joint_states(t)), "no measured tensions")
     references = optional(REFERENCE.name, lambda t: _sorted(bag.references(t)), "no tensions of the model")
-    poses = optional(PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was")
+    poses = optional(
+        PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was"
+    )
     estimate = optional(PAYLOAD.name, bag.inertias, "no estimated payload")
     truth = optional(SIMULATED_PAYLOAD.name, bag.inertias, "the true payload is not known")
     return Recording(

@@ -51,9 +51,7 @@ def measured_tensions_figure(
         axis.set_ylim(low, high)
         mark_times(axis, changes)
         if k == 0:
-            figure.legend(
-                [line, model], ["measured", "dynamic model"], loc="outside lower center", ncols=2
-            )
+            figure.legend([line, model], ["measured", "dynamic model"], loc="outside lower center", ncols=2)
     for axis in axes[:, 0]:
         axis.set(ylabel="tension, N")
     for axis in axes[-1]:
@@ -140,4 +138,3 @@ def cycle_histogram_figure(periods: Mapping[str, Floats], nominal: float) -> Fig
     axis.set(xlabel="time between motor states, ms", ylabel="cycles", title="Control cycle")
     axis.legend(loc="upper right")
     return figure
-

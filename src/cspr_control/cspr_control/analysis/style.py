@@ -95,8 +95,11 @@ def controller_colour(name: str, index: int) -> str:
 
 
 def controller_title(name: str) -> str:
-    """Return how a controller is written in a figure."""
-    return CONTROLLER_TITLES.get(name, name)
+    """Return how a controller is written in a figure; what follows its name, such as a date, stays."""
+    for known in sorted(CONTROLLER_TITLES, key=len, reverse=True):
+        if name == known or name.startswith(f"{known} "):
+            return CONTROLLER_TITLES[known] + name[len(known) :]
+    return name
 
 
 def save_figure(figure: Figure, directory: Path, name: str) -> tuple[Path, Path]:
