@@ -38,8 +38,12 @@ def test_statuses_of_any_length_of_text() -> None:
 
 
 def test_log_line_and_text() -> None:
-    line = Log(stamp=Time(sec=5, nanosec=7), level=30, name="drives", msg="cable_5 is slack", file="f", line=9)
-    assert decode_log_line(serialize_message(line)) == LogLine(5_000_000_007, 30, "drives", "cable_5 is slack")
+    line = Log(
+        stamp=Time(sec=5, nanosec=7), level=30, name="drives", msg="cable_5 is slack", file="f", line=9
+    )
+    assert decode_log_line(serialize_message(line)) == LogLine(
+        5_000_000_007, 30, "drives", "cable_5 is slack"
+    )
     assert decode_text(serialize_message(String(data="first lift"))) == "first lift"
 
 

@@ -72,5 +72,9 @@ def _status(scanner: Scanner) -> Status:
     level = scanner.octet()
     name, message, hardware_id = scanner.string(), scanner.string(), scanner.string()
     return Status(
-        level, name, message, hardware_id, {scanner.string(): scanner.string() for _ in range(scanner.count())}
+        level,
+        name,
+        message,
+        hardware_id,
+        {scanner.string(): scanner.string() for _ in range(scanner.count())},
     )

@@ -21,8 +21,8 @@ from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars",
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars",
     "--remote-debugging-pipe",
 )  # fmt: skip
 DEADLINE = 90.0  # s; a loaded machine is slow
@@ -107,13 +107,13 @@ class Browser:
     def open(self, path: Path) -> None:
         """Load a file and wait until the report has drawn itself, or has failed to."""
         self.call("Page.navigate", url=path.resolve().as_uri())
-        self.wait("document.body && (document.body.dataset.ready || !document.getElementById('failure').hidden)")
+        self.wait(
+            "document.body && (document.body.dataset.ready || !document.getElementById('failure').hidden)"
+        )
 
     def evaluate(self, expression: str) -> Any:
         """Return the value of a JavaScript expression; promises are awaited."""
-        answer = self.call(
-            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
-        )
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -55,7 +55,7 @@ class Recording:
     references : References or None
     poses : Poses or None
     estimate, truth : Inertias or None
-        The payload as estimated and, of a simulated robot, as it is.
+        The payload as estimated and, of a simulated robot, as it is; the log times are on the robot's clock.
     outcome : dict
         ``summary.json`` beside the bag, where the demo wrote one; else empty.
     information : dict of str to str
@@ -124,6 +124,27 @@ class Recording:
         if model == "dynamic":
             return "pdff-mass" if source == "estimated" else "pdff"
         return {"none": "pd", "static": "static"}.get(str(model), "feed-forward not recorded")
+
+
+class RobotClock:
+    """Turns the recorder's times into those of the robot.
+
+    Messages bear the robot's time; a simulated robot may run slower than the clock on the wall. What bears no time of
+    its own is placed by when it arrived among the motor states.
+    """
+
+    def __init__(self, states: JointStates) -> None:
+        order = np.argsort(states.log_time_ns, kind="stable")
+        self._log_origin, self._origin = int(states.log_time_ns[order[0]]), int(states.time_ns[order[0]])
+        self._log = (states.log_time_ns[order] - self._log_origin).astype(float)
+        self._time = (states.time_ns[order] - self._origin).astype(float)
+
+    def __call__(self, log_time_ns: Times) -> Times:
+        """Return the robot's times, ns; outside the motor states the two clocks run alike."""
+        log = (log_time_ns - self._log_origin).astype(float)
+        inside = np.clip(log, self._log[0], self._log[-1])
+        time = np.interp(inside, self._log, self._time) + (log - inside)
+        return np.asarray(np.rint(time).astype(np.int64) + self._origin)
 
 
 def find_bag(path: Path) -> Path:
@@ -197,12 +218,18 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
     poses = optional(
         PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was"
     )
-    estimate = optional(PAYLOAD.name, bag.inertias, "no estimated payload")
-    truth = optional(SIMULATED_PAYLOAD.name, bag.inertias, "the true payload is not known")
+    clock = RobotClock(states)
+
+    def arrived(topic: str) -> Inertias:
+        payload = bag.inertias(topic)
+        return replace(payload, log_time_ns=clock(payload.log_time_ns))
+
+    estimate = optional(PAYLOAD.name, arrived, "no estimated payload")
+    truth = optional(SIMULATED_PAYLOAD.name, arrived, "the true payload is not known")
     return Recording(
         path,
         configuration,
-        read_timeline(bag, int(states.time_ns[-1])),
+        read_timeline(bag, clock, int(states.time_ns[-1])),
         states,
         setpoints,
         tensions,

@@ -58,9 +58,7 @@ def write_results(
     directory.mkdir(parents=True, exist_ok=True)
     metrics = directory / METRICS
     content = {
-        "runs": [
-            {"name": run.name, **run.metrics.as_mapping(), "remarks": list(run.remarks)} for run in runs
-        ]
+        "runs": [{"name": run.name, **run.metrics.as_mapping(), "remarks": list(run.remarks)} for run in runs]
     }
     metrics.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     report = directory / REPORT

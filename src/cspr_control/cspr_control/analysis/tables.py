@@ -83,7 +83,10 @@ def format_runs(runs: Sequence[RunAnalysis]) -> str:
     names = [controller_title(run.name) for run in runs]
     columns = [names, *(texts for _, texts in rows)]
     widths = [max(len(column[k]) for column in columns) + 2 for k in range(len(runs))]
-    first = max(len(text) for text in (*(name for name, _ in rows), *(f"{n}, by motor and cable" for n in names))) + 2
+    first = (
+        max(len(text) for text in (*(name for name, _ in rows), *(f"{n}, by motor and cable" for n in names)))
+        + 2
+    )
     lines = ["".ljust(first) + "".join(name.rjust(w) for name, w in zip(names, widths, strict=True))]
     lines += [
         name.ljust(first) + "".join(text.rjust(w) for text, w in zip(texts, widths, strict=True))

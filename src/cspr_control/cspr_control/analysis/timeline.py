@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cspr_msgs_py.bag_reader import Bag
 from cspr_msgs_py.text_messages import (
@@ -17,6 +20,7 @@ from cspr_msgs_py.text_messages import (
 from cspr_msgs_py.topics import DIAGNOSTICS, DRIVE_STATES, EVENTS, ROBOT_STATE, TRAJECTORY_STATE
 
 LOG = "/rosout"
+Clock = Callable[[NDArray[np.int64]], NDArray[np.int64]]
 _WARNING, _ERROR = 30, 40  # levels of rcl_interfaces/Log
 _IN_MOTION = ("approach", "running")
 
@@ -80,10 +84,16 @@ class Timeline:
     diagnostics: dict[str, tuple[tuple[int, Status], ...]]
 
 
-def read_timeline(bag: Bag, end_ns: int) -> Timeline:
-    """Read the words of a bag whose measurements end at `end_ns`.
+def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
+    """Read the words of a bag; topics that it does not have are left out.
 
-    Topics that the bag does not have are left out.
+    Parameters
+    ----------
+    bag
+    clock
+        Turns times of the recorder (n,) into those of the robot, ns.
+    end_ns
+        When the measurements end, on the robot's clock.
 
     Raises
     ------
@@ -92,24 +102,25 @@ def read_timeline(bag: Bag, end_ns: int) -> Timeline:
     ValueError
         If a message is not what its topic promises.
     """
-    topics = bag.topics
-    robot = [(t, decode_status(data)) for t, data in _messages(bag, ROBOT_STATE.name, topics)]
-    trajectory = [(t, decode_status(data)) for t, data in _messages(bag, TRAJECTORY_STATE.name, topics)]
+
+    def read(topic: str) -> list[tuple[int, bytes]]:
+        messages = list(_messages(bag, topic))
+        times = clock(np.array([time_ns for time_ns, _ in messages], dtype=np.int64))
+        return list(zip(times.tolist(), (data for _, data in messages), strict=True))
+
+    robot = [(t, decode_status(data)) for t, data in read(ROBOT_STATE.name)]
+    trajectory = [(t, decode_status(data)) for t, data in read(TRAJECTORY_STATE.name)]
     diagnostics: dict[str, list[tuple[int, Status]]] = {}
-    for time_ns, data in _messages(bag, DIAGNOSTICS.name, topics):
+    for time_ns, data in read(DIAGNOSTICS.name):
         for status in decode_statuses(data):
             diagnostics.setdefault(status.name.rsplit("/", 1)[-1], []).append((time_ns, status))
-    drives = [
-        (t, status)
-        for t, data in _messages(bag, DRIVE_STATES.name, topics)
-        for status in decode_statuses(data)
-    ]
+    drives = [(t, status) for t, data in read(DRIVE_STATES.name) for status in decode_statuses(data)]
     events = [
         *_state_events(robot),
         *_drive_events(drives),
         *_trajectory_events(trajectory),
-        *(Event(t, EventKind.MARK, decode_text(data)) for t, data in _messages(bag, EVENTS.name, topics)),
-        *_log_events(_messages(bag, LOG, topics)),
+        *(Event(t, EventKind.MARK, decode_text(data)) for t, data in read(EVENTS.name)),
+        *_log_events(read(LOG)),
     ]
     return Timeline(
         _spans(robot, end_ns),
@@ -119,8 +130,8 @@ def read_timeline(bag: Bag, end_ns: int) -> Timeline:
     )
 
 
-def _messages(bag: Bag, topic: str, topics: dict[str, str]) -> Iterable[tuple[int, bytes]]:
-    if topic in topics:
+def _messages(bag: Bag, topic: str) -> Iterable[tuple[int, bytes]]:
+    if topic in bag.topics:
         for log_time, publish_time, data in bag.messages(topic):
             # a latched message may have waited long for the recorder to appear
             yield (min(log_time, publish_time) if publish_time else log_time), data
@@ -182,4 +193,4 @@ def _log_events(messages: Iterable[tuple[int, bytes]]) -> Iterable[Event]:
         line = decode_log_line(data)
         if line.level >= _WARNING:
             kind = EventKind.FAULT if line.level >= _ERROR else EventKind.WARNING
-            yield Event(line.stamp_ns or time_ns, kind, f"{line.name}: {line.text}")
+            yield Event(time_ns, kind, f"{line.name}: {line.text}")

@@ -60,7 +60,10 @@ def _run(options: argparse.Namespace) -> None:
     print(format_runs(runs))
     directory = options.output or default_directory([find_bag(bag) for bag in options.bags])
     results = write_results(
-        runs, directory, figures=not options.no_figures, progress=lambda name: _show_progress(f"writing {name}")
+        runs,
+        directory,
+        figures=not options.no_figures,
+        progress=lambda name: _show_progress(f"writing {name}"),
     )
     _show_progress("")
     print(f"\nmetrics  {results.metrics}")
@@ -101,7 +104,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--no-figures", action="store_true", help="no pictures: they take most of the time")
     options = parser.parse_args(arguments)
     if options.label and len(options.label) != len(options.bags):
-        parser.error(f"{len(options.label)} labels for {len(options.bags)} bags: give --label once for each bag")
+        parser.error(
+            f"{len(options.label)} labels for {len(options.bags)} bags: give --label once for each bag"
+        )
     return options
 
 
