@@ -120,6 +120,8 @@ def _last_change_ns(truth: MassTrace) -> int | None:
 
 def _changes(recording: Recording, estimate: MassTrace, truth: MassTrace) -> tuple[MassChange, ...]:
     places = change_indices(truth.mass)
+    if places.size == 0:
+        return ()
     ends = [*truth.stamp_ns[places[1:]].tolist(), int(estimate.stamp_ns[-1]) + 1]
     changes = []
     for place, end in zip(places.tolist(), ends, strict=True):

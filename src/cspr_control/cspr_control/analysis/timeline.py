@@ -154,8 +154,10 @@ def _trajectories(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[
         start, end = (int(status.values.get(key, "0") or 0) for key in ("start_time", "end_time"))
         if status.message not in _IN_MOTION or start == 0 or (runs and runs[-1].start_ns == start):
             continue
-        left = next((t for t, later in statuses[index + 1 :] if later.message not in _IN_MOTION), end_ns)
-        end = min(end, left, end_ns)
+        left = next((entry for entry in statuses[index + 1 :] if entry[1].message not in _IN_MOTION), None)
+        if left is not None and left[1].message != "finished":  # broken off
+            end = min(end, left[0])
+        end = min(end, end_ns)
         if end > start:  # not one that was broken off on the way to its start
             runs.append(TrajectoryRun(status.values.get("trajectory", ""), start, end))
     return tuple(runs)
