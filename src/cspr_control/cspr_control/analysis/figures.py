@@ -185,7 +185,8 @@ def _error_over_time(runs: Sequence[RunAnalysis]) -> Figure | None:
 
 
 def _mass(runs: Sequence[RunAnalysis]) -> Figure | None:
-    estimates, truths = {}, {}
+    estimates: dict[str, tuple[Floats, Floats]] = {}
+    truths: dict[str, tuple[Floats, Floats]] = {}
     for run in runs:
         for payload, into in ((run.recording.estimate, estimates), (run.recording.truth, truths)):
             if payload is not None:

@@ -73,7 +73,7 @@ def mass_figure(
 ) -> Figure:
     """Estimated mass of the payload against the true one, kg; runs by name, times in s."""
     figure = Figure(figsize=(WIDTH, 4.2 if truth else 2.8), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(2 if truth else 1, 1, sharex=True))
+    axes = figure.subplots(2 if truth else 1, 1, sharex=True, squeeze=False)[:, 0]
     for index, (name, (time, mass)) in enumerate(runs.items()):
         colour = controller_colour(name, index)
         axes[0].plot(time, mass, color=colour, label=f"estimated, {controller_title(name)}")

@@ -138,7 +138,7 @@ def _messages(bag: Bag, topic: str) -> Iterable[tuple[int, bytes]]:
 
 
 def _spans(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[Span, ...]:
-    spans = []
+    spans: list[Span] = []
     for index, (time_ns, status) in enumerate(statuses):
         until = statuses[index + 1][0] if index + 1 < len(statuses) else max(end_ns, time_ns)
         if spans and spans[-1].name == status.message:
