@@ -10,24 +10,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
 from rclpy.node import Node
 
-from cspr_control.errors import PayloadError, SettingError
-from cspr_control.feedforward import (
-    Feedforward,
-    FeedforwardModel,
-    FeedforwardSettings,
-    PayloadSource,
-    PayloadStatus,
-    Setpoint,
-    checked_payload,
-)
-from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.errors import PayloadError
+from cspr_control.feedforward import Feedforward, FeedforwardSettings, PayloadStatus, Setpoint
+from cspr_control.node_parameters import FEEDFORWARD, feedforward_settings
+from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
 from cspr_control.reference import ReferencePoint
 from cspr_kinematics import Acceleration, KinematicsError, Pose, Twist
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
+from cspr_msgs_py.nodes.process import Diagnostics, advertise, run_nodes, subscribe, subscribe_raw
 from cspr_msgs_py.reference import ReferenceCodec
 from cspr_msgs_py.reference_conversion import decode_reference
 from cspr_msgs_py.topics import PAYLOAD, REFERENCE, SETPOINT, motor_names
@@ -40,8 +33,8 @@ class FeedforwardNode(Node):
         super().__init__("feedforward", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        names = self._declare_settings()
-        parameters = ChangeableParameters(self, names, _settings, self._apply)
+        names = declare_all(self, FEEDFORWARD)
+        parameters = ChangeableParameters(self, names, feedforward_settings, self._apply)
         self._feedforward = Feedforward(robot, parameters.settings)
         self._reference_codec = ReferenceCodec()
         self._codec = JointStateCodec(motor_names(robot.number_of_cables))
@@ -59,59 +52,6 @@ class FeedforwardNode(Node):
         self._diagnostics = Diagnostics(self, self._status)
         # The first computation is slower than the others; it must not fall into a control cycle.
         Feedforward(robot, parameters.settings).compute(0.0, ReferencePoint.at_rest(robot.home))
-
-    def _declare_settings(self) -> tuple[str, ...]:
-        default = FeedforwardSettings()
-        models = ", ".join(model.value for model in FeedforwardModel)
-        sources = ", ".join(source.value for source in PayloadSource)
-        declare(self, "model", default.model.value, f"What the torque anticipates: {models}")
-        declare(self, "payload_source", default.payload_source.value, f"Payload counted on: {sources}")
-        declare(
-            self,
-            "nominal_payload_mass",
-            default.nominal_payload.mass,
-            "Payload assumed without an estimate",
-            minimum=0.0,
-            maximum=1e5,
-            unit="kg",
-        )
-        declare(self, "nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", unit="m")
-        declare(
-            self,
-            "max_payload",
-            default.max_payload,
-            "Largest payload",
-            minimum=0.1,
-            maximum=1e5,
-            unit="kg",
-        )
-        declare(
-            self,
-            "payload_timeout",
-            default.payload_timeout,
-            "Age from which an estimate counts as stale",
-            minimum=1e-3,
-            maximum=60.0,
-            unit="s",
-        )
-        declare(
-            self,
-            "switch_slew",
-            default.switch_slew,
-            "Fastest change of a motor's torque by a switch of model or payload",
-            minimum=1e-3,
-            maximum=1e4,
-            unit="N m/s",
-        )
-        return (
-            "model",
-            "payload_source",
-            "nominal_payload_mass",
-            "nominal_payload_center",
-            "max_payload",
-            "payload_timeout",
-            "switch_slew",
-        )
 
     def _apply(self, settings: FeedforwardSettings) -> None:
         self._feedforward.configure(settings)
@@ -176,30 +116,6 @@ class FeedforwardNode(Node):
                 "wrench_residual": f"{newest.wrench_residual:.3g}",
             }
         return [diagnostic_status(self.get_name(), level, text, values)]
-
-
-def _settings(values: dict[str, Any]) -> FeedforwardSettings:
-    try:
-        model = FeedforwardModel(values["model"])
-        source = PayloadSource(values["payload_source"])
-    except ValueError as error:
-        raise SettingError(
-            f"{error}; models are {', '.join(m.value for m in FeedforwardModel)}, payload sources "
-            f"{', '.join(s.value for s in PayloadSource)}"
-        ) from error
-    return FeedforwardSettings(
-        model=model,
-        payload_source=source,
-        nominal_payload=checked_payload(
-            "nominal payload",
-            values["nominal_payload_mass"],
-            values["nominal_payload_center"],
-            values["max_payload"],
-        ),
-        max_payload=values["max_payload"],
-        payload_timeout=values["payload_timeout"],
-        switch_slew=values["switch_slew"],
-    )
 
 
 def main() -> int:
