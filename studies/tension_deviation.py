@@ -68,7 +68,7 @@ def statistics(deviation: FloatArray) -> dict[str, FloatArray]:
 def along(
     robot: Robot, trajectory: Trajectory, payload_at: Callable[[float], float], name: str
 ) -> TensionStudy:
-    """Return the tensions of both models for a payload whose mass at its centre is ``payload_at`` (kg) of the time (s)."""
+    """Return the tensions of both models; ``payload_at`` gives the payload's mass (kg) at a time (s)."""
     time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1) * SAMPLE_TIME
     payload = np.array([payload_at(t) for t in time])
     tensions, feasible = {}, True

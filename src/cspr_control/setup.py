@@ -13,6 +13,7 @@ EXECUTABLES = (
     "control",
     "demo",
     "workspace",
+    "rerun",
 )
 
 setup(

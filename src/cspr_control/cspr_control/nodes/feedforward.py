@@ -15,7 +15,7 @@ from cspr_control.feedforward import Feedforward, FeedforwardSettings, PayloadSt
 from cspr_control.node_parameters import FEEDFORWARD, feedforward_settings
 from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
 from cspr_control.reference import ReferencePoint
-from cspr_kinematics import Acceleration, KinematicsError, Pose, Twist
+from cspr_kinematics import KinematicsError
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.errors import MessageError
@@ -67,12 +67,7 @@ class FeedforwardNode(Node):
     def _on_reference(self, message: bytes) -> None:
         try:
             sample = decode_reference(self._reference_codec, message)
-            reference = ReferencePoint(
-                Pose.from_quaternion(sample.position, sample.quaternion_xyzw),
-                Twist(sample.linear_velocity, sample.angular_velocity),
-                Acceleration(sample.linear_acceleration, sample.angular_acceleration),
-            )
-            setpoint = self._feedforward.compute(time.monotonic(), reference)
+            setpoint = self._feedforward.compute(time.monotonic(), ReferencePoint.of_sample(sample))
         except (MessageError, KinematicsError) as error:
             # A reference that is not finite ends here; without a set-point the motor controllers fall silent.
             self._refused_references += 1
