@@ -21,7 +21,7 @@ from cspr_control.node_parameters import (
 )
 from cspr_control.parameter_file import ParameterFile
 from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
-from cspr_control.point_to_point import MotionLimits
+from cspr_control.point_to_point import MotionLimits, PointToPoint
 from cspr_control.pose_estimation import PoseEstimator
 from cspr_control.reference import ReferencePoint
 from cspr_control.run_summary import MassTrace
@@ -52,6 +52,7 @@ class LoopSettings:
     period: float = 0.004
     estimator_cycles: int = 5  # cycles between two updates of the mass estimate
     latency: float = 0.0015  # from the latching of the motor states to the torque
+    phase: float = 0.002  # from the start of the trajectory to the first set-point on it, less than a period
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,6 @@ def run(settings: LoopSettings, config_directory: Path = CONFIG) -> LoopRecord:
     plant, noise = Plant(config), np.random.default_rng(config.seed)
     m = robot.number_of_cables
     limits = MotionLimits(speed=0.4, acceleration=0.5, angular_speed=0.3, angular_acceleration=0.5)
-    player = TrajectoryPlayer(limits)
     values = parameter_values(FEEDFORWARD, parameters.of("feedforward"))
     feedforward = Feedforward(
         robot,
@@ -112,6 +112,9 @@ def run(settings: LoopSettings, config_directory: Path = CONFIG) -> LoopRecord:
     trajectory = make_trajectory(
         settings.trajectory, robot, robot.home, TrajectoryOptions(limits, robot.home)
     )
+    approach = PointToPoint(robot.home, trajectory.sample(0.0).pose, limits)
+    dwell = 1.0 + (-settings.phase - approach.duration - 1.0) % settings.period
+    player = TrajectoryPlayer(limits, dwell)
 
     def advance_to_setpoint(time: float) -> Setpoint:
         reference = player.sample(round(time * 1e9))

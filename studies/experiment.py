@@ -16,14 +16,17 @@ from studies.closed_loop import LoopRecord, LoopSettings, run, settling_time
 
 LOADS = (0.0, 100.0, 200.0)  # kg
 TRAJECTORIES = (TrajectoryName.PAPER_19, TrajectoryName.SMOOTH_19)
-CONTROLLERS = {
-    "PD": LoopSettings(model=FeedforwardModel.NONE, payload_source=PayloadSource.NOMINAL),
-    "PD + static": LoopSettings(model=FeedforwardModel.STATIC, payload_source=PayloadSource.NOMINAL),
-    "PDFF": LoopSettings(payload_source=PayloadSource.NOMINAL),
-    "PDFF + mass": LoopSettings(),
-    "PDFF exact": LoopSettings(exact_mass=True),
+NOMINAL = PayloadSource.NOMINAL
+CONTROLLERS = {  # by their names in the demo
+    "pd": LoopSettings(model=FeedforwardModel.NONE, payload_source=NOMINAL),
+    "static": LoopSettings(model=FeedforwardModel.STATIC, payload_source=NOMINAL),
+    "pdff": LoopSettings(payload_source=NOMINAL),
+    "pdff-mass": LoopSettings(),
+    "pdff (exact mass)": LoopSettings(exact_mass=True),
+    "static (exact mass)": LoopSettings(model=FeedforwardModel.STATIC, exact_mass=True),
 }
-STATIC, DYNAMIC, ESTIMATED, EXACT = "PD + static", "PDFF", "PDFF + mass", "PDFF exact"
+COMPARED = tuple(CONTROLLERS)[:5]  # those of the paper; the last one tells the model's share from the mass's
+CHANGING = tuple(CONTROLLERS)[1:5]
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,10 @@ class Case:
 def all_cases() -> list[Case]:
     """Return the cases of figures 11 and 12, and a load that changes on the way."""
     cases = [
-        Case(name, trajectory, load) for trajectory in TRAJECTORIES for load in LOADS for name in CONTROLLERS
+        Case(name, trajectory, load) for trajectory in TRAJECTORIES for load in LOADS for name in COMPARED
     ]
-    changing = [
-        Case(name, TrajectoryName.PAPER_19, 100.0, 100.0) for name in (STATIC, DYNAMIC, ESTIMATED, EXACT)
-    ]
-    return changing + cases
+    cases += [Case("static (exact mass)", trajectory, LOADS[-1]) for trajectory in TRAJECTORIES]
+    return cases + [Case(name, TrajectoryName.PAPER_19, 100.0, 100.0) for name in CHANGING]
 
 
 def run_cases(

@@ -23,7 +23,6 @@ PAYLOAD = 200.0  # kg
 ADDED = 100.0  # kg
 ADDED_AT = 3.0  # s
 SWITCH_18, SWITCH_19 = 10.0, 5.0  # s: until here the platform accelerates
-STATISTICS = ("max", "median", "RMS")
 
 
 @dataclass(frozen=True)
@@ -53,16 +52,6 @@ class TensionStudy:
             self.static[inside],
             self.feasible,
         )
-
-
-def statistics(deviation: FloatArray) -> dict[str, FloatArray]:
-    """Largest and median magnitude, and RMS, of deviations (n, m), N; each (m,)."""
-    magnitude = np.abs(deviation)
-    return {
-        "max": magnitude.max(axis=0),
-        "median": np.median(magnitude, axis=0),
-        "RMS": np.sqrt((deviation**2).mean(axis=0)),
-    }
 
 
 def along(

@@ -10,6 +10,7 @@ EXECUTABLES = (
     "pose_estimator",
     "mass_estimator",
     "supervisor",
+    "robot_markers",
     "control",
     "demo",
     "workspace",

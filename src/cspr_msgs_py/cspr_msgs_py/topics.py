@@ -73,6 +73,7 @@ MULTI_DOF_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 
@@ -158,6 +159,13 @@ DRIVE_STATES = _latched(
     "values: brake, error_code, statusword",
 )
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
+ROBOT_MARKERS = _reliable(
+    "/robot_markers",
+    MARKER_ARRAY,
+    10.0,
+    "robot_markers",
+    "frame, platform, cables coloured by tension, payload and trajectory as markers in base, for RViz and Foxglove",
+)
 SIMULATED_PAYLOAD = _stream(
     "/simulation/payload",
     INERTIA_STAMPED,
@@ -211,6 +219,7 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         TRAJECTORY_STATE,
         DRIVE_STATES,
         DIAGNOSTICS,
+        ROBOT_MARKERS,
         SIMULATED_PAYLOAD,
         SET_SIMULATED_PAYLOAD,
     )

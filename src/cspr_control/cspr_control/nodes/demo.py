@@ -52,6 +52,7 @@ PACKAGES = {
     "simulated_robot": "cspr_drivers.nodes.simulated_robot",
     "control": "cspr_control.nodes.control",
     "recorder": "cspr_msgs_py.nodes.recorder",
+    "robot_markers": "cspr_control.nodes.robot_markers",
 }
 # A machine without real-time priority, shared with who knows what, may stand still for longer than a robot may be
 # left alone. Without a robot, and without --realtime, the demo therefore waits longer than the configuration says.
@@ -102,6 +103,7 @@ class Scenario:
     payload: float
     added: AddedPayload | None
     realtime: bool
+    markers: bool
 
 
 class DemoError(ControlError):
@@ -133,6 +135,7 @@ def main(args: list[str] | None = None) -> int:
                 options.payload,
                 options.add_payload,
                 options.realtime,
+                options.markers,
             )
             directory = _new_run_directory(Path(options.runs))
             summary = _run(scenario, directory, Path(options.config))
@@ -183,6 +186,11 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         "--realtime", action="store_true", help="SCHED_FIFO for control and drivers (needs the privilege)"
+    )
+    parser.add_argument(
+        "--markers",
+        action="store_true",
+        help="also publish /robot_markers, for RViz and Foxglove (config/views)",
     )
     parser.add_argument(
         "--config", default="config", metavar="DIR", help="configuration; default: %(default)s"
@@ -262,7 +270,16 @@ def _new_run_directory(runs: Path) -> Path:
 def _copy_configuration(source: Path, directory: Path, scenario: Scenario) -> Path:
     """Copy the configuration into the run, with the scenario's payload aboard the simulated robot."""
     target = directory / "config"
-    shutil.copytree(source, target)
+    shutil.copytree(source, target, ignore=shutil.ignore_patterns("views"))
+    model, payload_source = CONTROLLERS[scenario.controller]
+    if scenario.exact_mass:
+        payload_source = "estimated"  # the truth comes over the same path as the estimate would
+    with _edited(target / "control.yaml") as control:
+        for node, values in (
+            ("feedforward", {"model": model, "payload_source": payload_source}),
+            ("trajectory_publisher", {"trajectory": scenario.trajectory}),
+        ):
+            control.setdefault(node, {}).setdefault("ros__parameters", {}).update(values)
     with _edited(target / "simulation.yaml") as simulation:
         simulation["payload"]["mass"] = scenario.payload
         simulation["payload_changes"] = []
@@ -295,14 +312,7 @@ def _ros_arguments(config: Path, *more: str) -> list[str]:
 
 def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
     config = _copy_configuration(source, directory, scenario)
-    model, payload_source = CONTROLLERS[scenario.controller]
-    feedforward = ["-p", f"feedforward:model:={model}"]
-    if scenario.exact_mass:
-        # the truth comes over the same path as the estimate would
-        payload_source = "estimated"
-        feedforward += ["-r", f"feedforward:{topics.PAYLOAD.name}:={topics.SIMULATED_PAYLOAD.name}"]
-    feedforward += ["-p", f"feedforward:payload_source:={payload_source}"]
-    trajectory = ["-p", f"trajectory_publisher:trajectory:={scenario.trajectory}"]
+    exact_mass = ["-r", f"feedforward:{topics.PAYLOAD.name}:={topics.SIMULATED_PAYLOAD.name}"]
     realtime = ["-p", "realtime_priority:=50"] if scenario.realtime else []
     ages = {} if scenario.realtime else RELAXED_AGES
     patience = [word for name, age in ages.items() for word in ("-p", f"supervisor:max_age.{name}:={age}")]
@@ -316,13 +326,17 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
             attach = f"attach:=[{', '.join(attached)}]"
             recording = ["--ros-args", "-p", f"output:={directory / 'bag'}", "-p", attach, *recorder_cpu]
             controlling = _ros_arguments(
-                config, *feedforward, *trajectory, *patience, *control_cpu, *realtime
+                config, *(exact_mass if scenario.exact_mass else []), *patience, *control_cpu, *realtime
             )
             children.start("recorder", PACKAGES["recorder"], recording)
             children.start(
                 "simulated_robot", PACKAGES["simulated_robot"], _ros_arguments(config, *robot_cpu, *realtime)
             )
             children.start("control", PACKAGES["control"], controlling)
+            if scenario.markers:
+                children.start(
+                    "robot_markers", PACKAGES["robot_markers"], _ros_arguments(config, *recorder_cpu)
+                )
             run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
             run.call("/supervisor/enable", 20.0)
             run.wait("enabling", lambda: client.robot_state == "enabled", 10.0, lambda: client.robot_message)
