@@ -29,7 +29,7 @@ from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions,
 from cspr_control.trajectory_player import TrajectoryPhase, TrajectoryPlayer
 from cspr_drivers.simulation.plant import Plant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload, Robot
+from cspr_kinematics import Payload, Pulleys, Robot
 
 CONFIG = Path(__file__).parents[1] / "config"
 FloatArray = NDArray[np.float64]
@@ -49,6 +49,8 @@ class LoopSettings:
     added: float = 100.0
     added_at: float = 3.0
     motor_inertia_factor: float = 1.0  # on the simulated motors
+    robot: str = "robot.yaml"  # what the controllers believe
+    true_pulleys: Pulleys | None = None  # of the simulated machine; by default as in config/simulation.yaml
     period: float = 0.004
     estimator_cycles: int = 5  # cycles between two updates of the mass estimate
     latency: float = 0.0015  # from the latching of the motor states to the torque
@@ -89,19 +91,22 @@ def run(settings: LoopSettings, config_directory: Path = CONFIG) -> LoopRecord:
     two seconds before the approach to the trajectory begins, as in the demo.
     """
     began = monotonic()
-    robot = Robot.from_yaml(config_directory / "robot.yaml")
+    robot = Robot.from_yaml(config_directory / settings.robot)
     parameters = ParameterFile.from_yaml(config_directory / "control.yaml")
     config = SimulationConfig.from_yaml(config_directory / "simulation.yaml")
     config = config.with_payload(Payload(settings.payload, np.zeros(3)))
     motor = replace(config.robot.motor, inertia=config.robot.motor.inertia * settings.motor_inertia_factor)
-    config = replace(config, robot=replace(config.robot, motor=motor))
+    true_robot = replace(config.robot, motor=motor).with_geometry(pulleys=settings.true_pulleys)
+    config = replace(config, robot=true_robot)
     plant, noise = Plant(config), np.random.default_rng(config.seed)
     m = robot.number_of_cables
     limits = MotionLimits(speed=0.4, acceleration=0.5, angular_speed=0.3, angular_acceleration=0.5)
     values = parameter_values(FEEDFORWARD, parameters.of("feedforward"))
     feedforward = Feedforward(
         robot,
-        replace(feedforward_settings(values), model=settings.model, payload_source=settings.payload_source),
+        replace(
+            feedforward_settings(m, values), model=settings.model, payload_source=settings.payload_source
+        ),
     )
     gains = settings.gains or motor_gains(parameters)
     controllers = [MotorController(robot.motor, gains) for _ in range(m)]

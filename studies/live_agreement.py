@@ -61,6 +61,12 @@ class LiveRun:
             raise ControlError(f"{directory}: the platform followed no trajectory")
         phase = float(references.time_from_start[moving[0]])
         start = int(references.time_ns[moving[0]]) - round(phase * 1e9)
+        pace = np.ptp(references.time_ns[moving]) / np.ptp(references.log_time_ns[moving])
+        if not 0.97 < pace < 1.03:
+            raise ControlError(
+                f"{directory}: the machine ran at {pace:.2f} of real time, and its parameters were scaled; a run at full "
+                "speed is needed"
+            )
         masses = truth.mass[truth.log_time_ns <= references.log_time_ns[moving[-1]]]
         changes = np.flatnonzero(np.abs(np.diff(masses)) > 1e-6)
         added_at = (truth.log_time_ns[changes[-1] + 1] - start) * 1e-9 if changes.size else 0.0

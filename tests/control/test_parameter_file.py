@@ -55,7 +55,7 @@ def test_the_shipped_file_makes_settings(robot_file):
     file = ParameterFile.from_yaml(robot_file.parent / "control.yaml")
     estimator = estimator_settings(parameter_values(MASS_ESTIMATOR, file.of("mass_estimator")))
     assert estimator.time_constant == 0.4
-    assert feedforward_settings(parameter_values(FEEDFORWARD, file.of("feedforward"))).switch_slew == 2.0
+    assert feedforward_settings(8, parameter_values(FEEDFORWARD, file.of("feedforward"))).switch_slew == 2.0
 
 
 def test_defaults_are_those_of_the_settings():

@@ -14,6 +14,7 @@ from typing import Any
 from cspr_control.errors import SettingError
 from cspr_control.feedforward import FeedforwardModel, FeedforwardSettings, PayloadSource, checked_payload
 from cspr_control.payload_estimation import EstimatorSettings
+from cspr_kinematics import bounded_methods
 
 
 @dataclass(frozen=True)
@@ -119,10 +120,15 @@ FEEDFORWARD = (
     NodeParameter(
         "switch_slew",
         _DEFAULT.switch_slew,
-        "Fastest change of a motor's torque by a switch of model or payload",
+        "Fastest change of a motor's torque by a switch of model, payload or tension method",
         1e-3,
         1e4,
         "N m/s",
+    ),
+    NodeParameter(
+        "tension_method",
+        _DEFAULT.tension_method,
+        f"How the wrench is distributed over the cables: {', '.join(bounded_methods(8))}",
     ),
 )
 
@@ -132,8 +138,8 @@ def estimator_settings(values: Mapping[str, Any]) -> EstimatorSettings:
     return EstimatorSettings(**values)
 
 
-def feedforward_settings(values: Mapping[str, Any]) -> FeedforwardSettings:
-    """Return the settings of the feed-forward from the values of `FEEDFORWARD`.
+def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> FeedforwardSettings:
+    """Return the settings of the feed-forward of a robot from the values of `FEEDFORWARD`.
 
     Raises SettingError or PayloadError.
     """
@@ -142,6 +148,11 @@ def feedforward_settings(values: Mapping[str, Any]) -> FeedforwardSettings:
         source = PayloadSource(values["payload_source"])
     except ValueError as error:
         raise SettingError(f"{error}; models are {_MODELS}, payload sources {_SOURCES}") from error
+    methods = bounded_methods(number_of_cables)
+    if values["tension_method"] not in methods:
+        raise SettingError(
+            f"tension_method is {values['tension_method']!r}; for this robot there are {', '.join(methods)}"
+        )
     return FeedforwardSettings(
         model=model,
         payload_source=source,
@@ -154,6 +165,7 @@ def feedforward_settings(values: Mapping[str, Any]) -> FeedforwardSettings:
         max_payload=values["max_payload"],
         payload_timeout=values["payload_timeout"],
         switch_slew=values["switch_slew"],
+        tension_method=values["tension_method"],
     )
 
 

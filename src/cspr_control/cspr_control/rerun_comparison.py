@@ -70,9 +70,19 @@ class SetpointComparison:
 
 
 def compare_payloads(
-    rerun: EstimatedPayloads, recorded: Inertias | None, truth: Inertias | None
+    rerun: EstimatedPayloads, recorded: Inertias | None, truth: Inertias | None, tensions: JointStates
 ) -> PayloadComparison:
-    """Compare estimates; those recorded belong to the updates of the re-run in their order."""
+    """Compare estimates.
+
+    Parameters
+    ----------
+    rerun, recorded
+        Those recorded belong to the updates of the re-run in their order.
+    truth
+        What a simulated robot carried.
+    tensions
+        What was measured: its stamps tell the clock of the machine, which may be slower than the recorder's.
+    """
     mass = center = None
     matched = 0
     if recorded is not None:
@@ -85,21 +95,28 @@ def compare_payloads(
         matched,
         mass,
         center,
-        _quality(recorded, truth),
-        _quality(rerun, truth),
+        _quality(recorded, truth, tensions),
+        _quality(rerun, truth, tensions),
     )
 
 
-def _quality(estimate: Inertias | EstimatedPayloads | None, truth: Inertias | None) -> MassQuality | None:
+def _quality(
+    estimate: Inertias | EstimatedPayloads | None, truth: Inertias | None, tensions: JointStates
+) -> MassQuality | None:
     if estimate is None or truth is None or len(estimate.mass) == 0:
         return None
     # a truth that is told on after the estimates have ended says nothing about them
     told = truth.log_time_ns <= estimate.log_time_ns[-1]
     if not told.any():
         return None
-    true = MassTrace(truth.log_time_ns[told], truth.mass[told])
+
+    def on_machine(times: NDArray[np.int64]) -> NDArray[np.int64]:
+        machine: NDArray[np.int64] = np.interp(times, tensions.log_time_ns, tensions.time_ns).astype(np.int64)
+        return machine
+
+    true = MassTrace(on_machine(truth.log_time_ns[told]), truth.mass[told])
     return MassQuality(
-        settling_time(MassTrace(estimate.log_time_ns, estimate.mass), true),
+        settling_time(MassTrace(on_machine(estimate.log_time_ns), estimate.mass), true),
         float(estimate.mass[-1] - true.mass[-1]),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import TypeVar
@@ -10,6 +9,7 @@ from typing import TypeVar
 import can
 import canopen
 
+from cspr_drivers import clock
 from cspr_drivers.can_bus import CanPort
 from cspr_drivers.device_parameters import Parameter
 from cspr_drivers.errors import DeviceError
@@ -54,7 +54,7 @@ class CanopenDevice:
         on_emergency: Callable[[int], None] | None = None,
     ) -> None:
         self.name = name
-        self._heartbeat = time.monotonic()
+        self._heartbeat = clock.monotonic()
         self._on_boot = on_boot
         # Objects are addressed by index, so the master needs no object dictionary of the device.
         self._node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())
@@ -104,14 +104,14 @@ class CanopenDevice:
         DeviceError
             As `check`, if it does not come to have it.
         """
-        deadline = time.monotonic() + self._node.sdo.RESPONSE_TIMEOUT
+        deadline = clock.monotonic() + self._node.sdo.RESPONSE_TIMEOUT
         while True:
             try:
                 self.check((expected,))
             except DeviceError:
-                if time.monotonic() > deadline:
+                if clock.monotonic() > deadline:
                     raise
-                time.sleep(0.01)
+                clock.sleep(0.01)
             else:
                 return
 
@@ -137,7 +137,7 @@ class CanopenDevice:
         self._heartbeat = now
 
     def _heard(self, state: int) -> None:
-        self._heartbeat = time.monotonic()
+        self._heartbeat = clock.monotonic()
         if state == BOOT_UP:
             self._on_boot()
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from cspr_drivers import clock
 from cspr_drivers.can_bus import CanPorts
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
@@ -170,7 +170,7 @@ class LoadCellMaster:
         device.check(load_cell_identity())
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.write(load_cell_parameters(self._config, self._config.load_cells[index]))
-        device.expect_heartbeat(time.monotonic())
+        device.expect_heartbeat(clock.monotonic())
         device.command(NmtCommand.START)
 
     def _tare(self) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,11 +13,18 @@ from geometry_msgs.msg import InertiaStamped
 from rclpy.node import Node
 
 from cspr_control.errors import PayloadError
-from cspr_control.feedforward import Feedforward, FeedforwardSettings, PayloadStatus, Setpoint
+from cspr_control.feedforward import (
+    Feedforward,
+    FeedforwardModel,
+    FeedforwardSettings,
+    Margins,
+    PayloadStatus,
+    Setpoint,
+)
 from cspr_control.node_parameters import FEEDFORWARD, feedforward_settings
 from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
 from cspr_control.reference import ReferencePoint
-from cspr_kinematics import KinematicsError
+from cspr_kinematics import KinematicsError, bounded_methods
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.errors import MessageError
@@ -33,8 +42,11 @@ class FeedforwardNode(Node):
         super().__init__("feedforward", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
+        methods = bounded_methods(robot.number_of_cables)
         names = declare_all(self, FEEDFORWARD)
-        parameters = ChangeableParameters(self, names, feedforward_settings, self._apply)
+        build = partial(feedforward_settings, robot.number_of_cables)
+        parameters = ChangeableParameters(self, names, build, self._apply)
+        self._robot = robot
         self._feedforward = Feedforward(robot, parameters.settings)
         self._reference_codec = ReferenceCodec()
         self._codec = JointStateCodec(motor_names(robot.number_of_cables))
@@ -51,7 +63,9 @@ class FeedforwardNode(Node):
         subscribe(self, PAYLOAD, self._on_payload)
         self._diagnostics = Diagnostics(self, self._status)
         # The first computation is slower than the others; it must not fall into a control cycle.
-        Feedforward(robot, parameters.settings).compute(0.0, ReferencePoint.at_rest(robot.home))
+        for method in (*methods, parameters.settings.tension_method):
+            settings = replace(parameters.settings, tension_method=method)
+            Margins.of(Feedforward(robot, settings).compute(0.0, ReferencePoint.at_rest(robot.home)), robot)
 
     def _apply(self, settings: FeedforwardSettings) -> None:
         self._feedforward.configure(settings)
@@ -96,6 +110,7 @@ class FeedforwardNode(Node):
         values: dict[str, Any] = {
             "model": settings.model.value,
             "payload_source": settings.payload_source.value,
+            "tension_method": settings.tension_method,
             "setpoints": self._setpoints,
             "infeasible_setpoints": self._infeasible,
             "refused_references": self._refused_references,
@@ -110,6 +125,12 @@ class FeedforwardNode(Node):
                 "highest_tension": f"{newest.tensions.max():.1f}",
                 "wrench_residual": f"{newest.wrench_residual:.3g}",
             }
+            if settings.model is not FeedforwardModel.NONE:
+                margins = Margins.of(newest, self._robot)
+                values |= {
+                    "tension_margin": f"{margins.tension:.1f}",
+                    "wrench_margin": f"{margins.wrench:.1f}",
+                }
         return [diagnostic_status(self.get_name(), level, text, values)]
 
 

@@ -8,6 +8,7 @@ import json
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -145,13 +146,14 @@ def _estimate(
         raise ControlError("nothing to re-run: the recording holds no valid measurement of the payload")
     truth_topic = topics.SIMULATED_PAYLOAD
     truth = recording.payloads(truth_topic.name) if recording.holds(truth_topic) else None
-    return payloads, compare_payloads(payloads, recorded, truth), values
+    return payloads, compare_payloads(payloads, recorded, truth, tensions), values
 
 
 def _answer(
     recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
 ) -> tuple[Setpoints, SetpointComparison, dict[str, Any]]:
-    settings, values = schedule(recording, "feedforward", FEEDFORWARD, feedforward_settings, given)
+    build = partial(feedforward_settings, recording.robot.number_of_cables)
+    settings, values = schedule(recording, "feedforward", FEEDFORWARD, build, given)
     references = recording.references()
     payloads: Any = rerun
     if topic is not None:
