@@ -64,8 +64,8 @@ class LiveRun:
         pace = np.ptp(references.time_ns[moving]) / np.ptp(references.log_time_ns[moving])
         if not 0.97 < pace < 1.03:
             raise ControlError(
-                f"{directory}: the machine ran at {pace:.2f} of real time, and its parameters were scaled; a run at full "
-                "speed is needed"
+                f"{directory}: the machine ran at {pace:.2f} of real time, and its parameters were scaled; a run at "
+                "full speed is needed"
             )
         masses = truth.mass[truth.log_time_ns <= references.log_time_ns[moving[-1]]]
         changes = np.flatnonzero(np.abs(np.diff(masses)) > 1e-6)

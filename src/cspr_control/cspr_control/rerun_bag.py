@@ -10,7 +10,7 @@ import numpy as np
 from cspr_control.rerun import EstimatedPayloads, Setpoints
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag_file import Attachment, BagFile
-from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.bag_metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.stamped_doubles import StampedDoublesCodec
 
@@ -90,9 +90,7 @@ def write_rerun(
                 topic.name,
                 topic.type,
                 DEFINITIONS[topic.type],
-                topic.reliability.value,
-                topic.durability.value,
-                topic.depth,
+                (OfferedQos("keep_last", topic.depth, topic.reliability.value, topic.durability.value),),
             )
         )
         for topic, present in ((topics.PAYLOAD, payloads), (topics.SETPOINT, setpoints))
