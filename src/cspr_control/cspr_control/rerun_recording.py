@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.node_parameters import NodeParameter, known_parameter, parameter_values
@@ -24,6 +26,7 @@ CONTROL_FILE = "control.yaml"
 ROBOT_FILE = "robot.yaml"
 
 Settings = TypeVar("Settings")
+Columns = TypeVar("Columns")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +160,7 @@ class Recording:
             raise ControlError(f"{self._bag.path}: {PARAMETER_EVENTS} cannot be read: {error}") from error
         return [(time, event) for time, event in events if event.node == node]
 
-    def _read(self, read: Callable[[str], Any], topic: str) -> Any:
+    def _read(self, read: Callable[[str], Columns], topic: str) -> Columns:
         try:
             return read(topic)
         except BagError as error:
@@ -223,12 +226,14 @@ def _in_order_of(names: Sequence[str], states: JointStates, where: str) -> Joint
             f"{where} names {', '.join(states.names)}; the robot of the configuration has {', '.join(names)}"
         )
     order = [states.names.index(name) for name in names]
-    columns = {
-        field: values[:, order] if values.shape[1] else values
-        for field, values in (
-            ("position", states.position),
-            ("velocity", states.velocity),
-            ("effort", states.effort),
-        )
-    }
-    return replace(states, names=tuple(names), **columns)
+
+    def ordered(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return values[:, order] if values.shape[1] else values  # a field that the messages do not carry
+
+    return replace(
+        states,
+        names=tuple(names),
+        position=ordered(states.position),
+        velocity=ordered(states.velocity),
+        effort=ordered(states.effort),
+    )
