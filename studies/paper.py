@@ -73,7 +73,7 @@ def _run(options: argparse.Namespace) -> int:
         document = fill(document, loop_blocks(loops))
         if options.live != "none":
             try:
-                compared = _compare_live(options.live, output)
+                compared = _compare_live(options.live, options.speed, output)
             except (ControlError, MessagesError) as error:  # what is done already must not be lost
                 print(f"paper: {error}", file=sys.stderr)
                 agrees = False
@@ -107,8 +107,8 @@ def _closed_loops(robot: Robot) -> LoopResults:
     return results
 
 
-def _compare_live(live: str | None, output: Path) -> Agreement:
-    directory = Path(live) if live is not None else _run_demo(output / "live")
+def _compare_live(live: str | None, speed: str, output: Path) -> Agreement:
+    directory = Path(live) if live is not None else _run_demo(output / "live", speed)
     compared = agreement(LiveRun.read(directory))
     print(
         f"live against without ROS: {compared.live.rms_deg.mean():.2f} and {compared.rms_deg.mean():.2f} deg, "
@@ -118,11 +118,13 @@ def _compare_live(live: str | None, output: Path) -> Agreement:
     return compared
 
 
-def _run_demo(runs: Path) -> Path:
+def _run_demo(runs: Path, speed: str) -> Path:
     """Run the default case of the demo; returns the directory of the run."""
-    command = [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(runs)]
+    command = [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(runs), "--speed", speed]
     if subprocess.run(command, cwd=ROOT, check=False).returncode != 0:
-        raise ControlError("the live run failed; --live none leaves it out, --live RUN takes another one")
+        raise ControlError(
+            "the live run failed; --live none leaves it out, --live RUN takes another one, --speed 0.5 makes it slower"
+        )
     return (runs / "latest").resolve()
 
 
