@@ -9,6 +9,9 @@ from pathlib import Path
 from cspr_drivers import frame_table
 from cspr_drivers.config_section import ConfigSection, configuration_error
 from cspr_drivers.frame_table import MappedObject, PdoLayout
+from cspr_drivers.identity import Identity, read_identity
+from cspr_drivers.option_codes import OptionCodes, read_option_codes
+from cspr_drivers.timeouts import Timeouts, read_timeouts
 from cspr_drivers.units import DriveUnits, LoadCellUnits
 
 LARGEST_INT32 = 2**31 - 1
@@ -17,7 +20,8 @@ LARGEST_INT32 = 2**31 - 1
 class VelocitySource(Enum):
     """Where the motor speed comes from."""
 
-    POSITION_DIFFERENCE = "position_difference"  # of 6064h, over the time between the two SYNCs
+    POSITION_DIFFERENCE = "position_difference"  # of 6064h, over the time between the two SYNCs, filtered
+    VELOCITY_ACTUAL = "velocity_actual"  # 606Ch, in a second TPDO
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,15 @@ class DriveConfig:
         Name of its bus, and its CANopen node id there.
     units
         Scale and sign of its counts and torques.
+    identity
+        What its identity object must hold; `None` before the machine is commissioned.
     """
 
     name: str
     bus: str
     node_id: int
     units: DriveUnits
+    identity: Identity | None = None
 
     def __str__(self) -> str:
         return f"{self.name} (node {self.node_id} on {self.bus})"
@@ -61,48 +68,51 @@ class LoadCellConfig:
     bus: str
     node_id: int
     units: LoadCellUnits
+    identity: Identity | None = None
 
     def __str__(self) -> str:
         return f"{self.name} (node {self.node_id} on {self.bus})"
 
 
 @dataclass(frozen=True)
-class PdoConfig:
-    """Layouts of the three process data objects in use."""
+class EmergencyStopInput:
+    """Digital input of the drives that watches the emergency stop chain: bit of 60FDh, and its value when open."""
 
-    drive_rpdo: PdoLayout
-    drive_tpdo: PdoLayout
-    load_cell_tpdo: PdoLayout
+    bit: int
+    active: int
+
+    def is_active(self, inputs: int) -> bool:
+        """Return whether the chain is open at a value of 60FDh."""
+        return inputs >> self.bit & 1 == self.active
 
 
 @dataclass(frozen=True)
-class Timeouts:
-    """Limits in time, s.
+class LoadCellChecks:
+    """When a load cell counts as stuck.
 
     Attributes
     ----------
-    command
-        Age of a torque command at which the driver stops the drives.
-    feedback
-        Silence of a drive at which the driver stops the others.
-    rpdo
-        Silence of the driver at which a drive stops by itself (event timer of its RPDO).
-    heartbeat_producer, heartbeat_consumer
-        Period of every node's heartbeat, and its absence that counts as loss of the node.
-    sdo
-        Longest wait for the answer to one SDO request.
-    enable, stop
-        Longest duration of releasing, and of closing, all brakes.
+    stuck_time
+        Time for which it shows the very same value, s...
+    stuck_span
+        ...while the tension of another cable changes by more than this, N.
     """
 
-    command: float
-    feedback: float
-    rpdo: float
-    heartbeat_producer: float
-    heartbeat_consumer: float
-    sdo: float
-    enable: float
-    stop: float
+    stuck_time: float
+    stuck_span: float
+
+
+@dataclass(frozen=True)
+class PdoConfig:
+    """Layouts of the process data objects that are sent in each cycle.
+
+    `drive_tpdo_2` is `None` unless the drives send their velocity.
+    """
+
+    drive_rpdo: PdoLayout
+    drive_tpdo: PdoLayout
+    drive_tpdo_2: PdoLayout | None
+    load_cell_tpdo: PdoLayout
 
 
 @dataclass(frozen=True)
@@ -121,12 +131,20 @@ class CanConfig:
         Node id of the driver, which its heartbeat carries.
     velocity_source
         Where motor speeds come from.
+    velocity_filter
+        Time constant of the filter of speeds that are differences of positions, s; 0 for none.
+    emergency_stop_input
+        Digital input of the drives that watches the emergency stop chain; `None` when it is wired to none.
     brake_open_bit
         Bit of the status word that is set while a drive's brake is open (manufacturer specific: 8, 14 or 15).
     buses, drives, load_cells
         In the order of the file; drives and load cells in the order of the robot's cables.
     pdo
         Frame layouts.
+    option_codes
+        What the drives do when they stop.
+    load_cell_checks
+        When a load cell counts as stuck.
     timeouts
         Limits in time.
     """
@@ -136,11 +154,15 @@ class CanConfig:
     bus_load_limit: float
     master_node_id: int
     velocity_source: VelocitySource
+    velocity_filter: float
+    emergency_stop_input: EmergencyStopInput | None
     brake_open_bit: int
     buses: tuple[BusConfig, ...]
     drives: tuple[DriveConfig, ...]
     load_cells: tuple[LoadCellConfig, ...]
     pdo: PdoConfig
+    option_codes: OptionCodes
+    load_cell_checks: LoadCellChecks
     timeouts: Timeouts
 
     @staticmethod
@@ -164,22 +186,27 @@ class CanConfig:
         """Validate the top-level section of a configuration."""
         buses = _buses(top.section("buses"))
         names = tuple(bus.name for bus in buses)
+        velocity_source = VelocitySource(
+            top.choice("velocity_source", [source.value for source in VelocitySource])
+        )
         config = CanConfig(
             source=top.source,
             rate=top.number("rate", above=0.0),
             bus_load_limit=top.number("bus_load_limit", above=0.0),
             master_node_id=top.integer("master_node_id", 1, 127),
-            velocity_source=VelocitySource(
-                top.choice("velocity_source", [source.value for source in VelocitySource])
-            ),
+            velocity_source=velocity_source,
+            velocity_filter=top.number("velocity_filter", minimum=0.0),
+            emergency_stop_input=_emergency_stop_input(top.section_or_none("emergency_stop_input")),
             brake_open_bit=int(top.choice("brake_open_bit", [8, 14, 15])),
             buses=buses,
             drives=tuple(_drive(s, place, names) for place, s in enumerate(top.sections("drives"))),
             load_cells=tuple(
                 _load_cell(s, place, names) for place, s in enumerate(top.sections("load_cells"))
             ),
-            pdo=_pdo(top.section("pdo")),
-            timeouts=_timeouts(top.section("timeouts")),
+            pdo=_pdo(top.section("pdo"), velocity_source),
+            option_codes=read_option_codes(top.section("option_codes")),
+            load_cell_checks=_load_cell_checks(top.section("load_cell_checks")),
+            timeouts=read_timeouts(top.section("timeouts")),
         )
         if config.bus_load_limit > 1.0:
             raise top.error("bus_load_limit", "must be at most 1")
@@ -228,6 +255,7 @@ def _node(section: ConfigSection, buses: tuple[str, ...]) -> tuple[str, int]:
 
 def _drive(section: ConfigSection, place: int, buses: tuple[str, ...]) -> DriveConfig:
     bus, node_id = _node(section, buses)
+    identity = read_identity(section)
     units = DriveUnits(
         polarity=int(section.choice("polarity", [1, -1])),
         encoder_increments=section.integer("encoder_increments", 1, LARGEST_INT32),
@@ -239,11 +267,12 @@ def _drive(section: ConfigSection, place: int, buses: tuple[str, ...]) -> DriveC
     if not 1 <= units.max_torque <= 32767:
         raise section.error("torque_limit", "must be from 0.001 to 32.767 times rated_torque")
     section.finish()
-    return DriveConfig(f"motor_{place + 1}", bus, node_id, units)
+    return DriveConfig(f"motor_{place + 1}", bus, node_id, units, identity)
 
 
 def _load_cell(section: ConfigSection, place: int, buses: tuple[str, ...]) -> LoadCellConfig:
     bus, node_id = _node(section, buses)
+    identity = read_identity(section)
     units = LoadCellUnits(
         decimal_digits=section.integer("decimal_digits", 0, 6),
         scale=section.number("scale"),
@@ -252,15 +281,37 @@ def _load_cell(section: ConfigSection, place: int, buses: tuple[str, ...]) -> Lo
     if units.scale == 0.0:
         raise section.error("scale", "must not be zero")
     section.finish()
-    return LoadCellConfig(f"cable_{place + 1}", bus, node_id, units)
+    return LoadCellConfig(f"cable_{place + 1}", bus, node_id, units, identity)
 
 
-def _pdo(section: ConfigSection) -> PdoConfig:
+def _emergency_stop_input(section: ConfigSection | None) -> EmergencyStopInput | None:
+    if section is None:
+        return None
+    entry = EmergencyStopInput(
+        bit=section.integer("bit", 0, 31), active=int(section.choice("active", [0, 1]))
+    )
+    section.finish()
+    return entry
+
+
+def _load_cell_checks(section: ConfigSection) -> LoadCellChecks:
+    checks = LoadCellChecks(
+        stuck_time=section.number("stuck_time", above=0.0), stuck_span=section.number("stuck_span", above=0.0)
+    )
+    section.finish()
+    return checks
+
+
+def _pdo(section: ConfigSection, velocity_source: VelocitySource) -> PdoConfig:
+    velocity = velocity_source is VelocitySource.VELOCITY_ACTUAL
     pdo = PdoConfig(
         drive_rpdo=_layout(section, "drive_rpdo", frame_table.DRIVE_RPDO1),
         drive_tpdo=_layout(section, "drive_tpdo", frame_table.DRIVE_TPDO1),
+        drive_tpdo_2=_layout(section, "drive_tpdo_2", frame_table.DRIVE_TPDO2) if velocity else None,
         load_cell_tpdo=_layout(section, "load_cell_tpdo", frame_table.LOAD_CELL_TPDO1),
     )
+    if not velocity and section.texts("drive_tpdo_2"):
+        raise section.error("drive_tpdo_2", f"must be empty with velocity_source = {velocity_source.value}")
     section.finish()
     return pdo
 
@@ -272,27 +323,6 @@ def _layout(section: ConfigSection, name: str, standard: PdoLayout) -> PdoLayout
     if sorted(names) != sorted(known):
         raise section.error(name, "must hold, in any order, " + ", ".join(known))
     return PdoLayout(tuple(known[entry] for entry in names))
-
-
-def _timeouts(section: ConfigSection) -> Timeouts:
-    # CANopen counts these times in milliseconds in 16 bits.
-    timeouts = Timeouts(
-        command=section.number("command", minimum=0.001),
-        feedback=section.number("feedback", minimum=0.001),
-        rpdo=section.number("rpdo", minimum=0.001),
-        heartbeat_producer=section.number("heartbeat_producer", minimum=0.001),
-        heartbeat_consumer=section.number("heartbeat_consumer", minimum=0.001),
-        sdo=section.number("sdo", minimum=0.001),
-        enable=section.number("enable", minimum=0.001),
-        stop=section.number("stop", minimum=0.001),
-    )
-    for name in ("rpdo", "heartbeat_producer", "heartbeat_consumer"):
-        if getattr(timeouts, name) > 65.535:
-            raise section.error(name, "must be at most 65.535")
-    if timeouts.heartbeat_consumer <= timeouts.heartbeat_producer:
-        raise section.error("heartbeat_consumer", "must be greater than heartbeat_producer")
-    section.finish()
-    return timeouts
 
 
 def _require_distinct_nodes(config: CanConfig) -> None:
