@@ -23,7 +23,7 @@ from cspr_control.feedforward import (
 from cspr_control.node_parameters import FEEDFORWARD, feedforward_settings
 from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
 from cspr_control.reference import ReferencePoint
-from cspr_kinematics import KinematicsError, bounded_methods
+from cspr_kinematics import KinematicsError
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.errors import MessageError
@@ -41,7 +41,6 @@ class FeedforwardNode(Node):
         super().__init__("feedforward", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        methods = bounded_methods(robot.number_of_cables)
         names = declare_all(self, FEEDFORWARD)
         build = partial(feedforward_settings, robot.number_of_cables)
         parameters = ChangeableParameters(self, names, build, self._apply)
