@@ -1,4 +1,4 @@
-# Targets: demo, test, lint, bench, build, clean. Each makes what it needs, the virtual environment included.
+# Targets: demo, test, lint, bench, paper, build, clean. Each makes what it needs, the virtual environment included.
 #   make demo ARGS="--controller static --payload 200"     options of the demo: make demo ARGS=--help
 #   make test ARGS="tests/kinematics -k jacobian"          arguments for pytest
 #   make PYTHON=python3.12 VENV=.venv-3.12 test            another interpreter in an environment of its own
@@ -14,7 +14,7 @@ BENCH_READY := $(VENV)/.bench-ready
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONPATH
 
-.PHONY: help demo test lint bench build clean
+.PHONY: help demo test lint bench paper build clean
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -4
 
@@ -54,6 +54,10 @@ lint: $(READY)
 bench: $(READY) $(BENCH_READY)
 	@echo "== benchmarks"
 	$(VENV)/bin/python -m benchmarks $(ARGS)
+
+paper: $(READY)
+	@echo "== the paper's studies and figures, into runs/paper/"
+	@$(VENV)/bin/python -m studies.paper $(ARGS)
 
 build: $(READY)
 	@echo "== colcon build into install/, then every executable is started and stopped"

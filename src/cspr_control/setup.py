@@ -10,10 +10,12 @@ EXECUTABLES = (
     "pose_estimator",
     "mass_estimator",
     "supervisor",
+    "robot_markers",
     "control",
     "demo",
     "workspace",
     "analyze",
+    "rerun",
 )
 
 setup(

@@ -23,6 +23,7 @@ EXECUTABLES = {
     "pose_estimator": ("cspr_control", ["pose_estimator"], []),
     "mass_estimator": ("cspr_control", ["mass_estimator"], []),
     "supervisor": ("cspr_control", ["supervisor"], []),
+    "robot_markers": ("cspr_control", ["robot_markers"], []),
     "control": ("cspr_control", ["motor_controller_8", "trajectory_publisher", "supervisor"], []),
     "can_drives": ("cspr_drivers", ["can_drives"], ["-p", "can_config:=virtual_can.yaml"]),
     "load_cells": ("cspr_drivers", ["load_cells"], ["-p", "can_config:=virtual_can.yaml"]),
@@ -34,6 +35,7 @@ PROGRAMS = {  # what ends by itself, and words that its --help must have
     "demo": ("--controller", "--exact-mass", "--compare", "--add-payload", "--realtime", "examples:"),
     "workspace": ("--robot", "--payload"),
     "analyze": ("BAG", "--output", "--label", "examples:"),
+    "rerun": ("BAG", "--set", "--payload", "examples:"),
 }
 
 

@@ -73,6 +73,7 @@ MULTI_DOF_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
@@ -172,6 +173,13 @@ RECORDER_STATE = _latched(
     "message = state of the recording: recording, paused, failed; values: bag, cause",
 )
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
+ROBOT_MARKERS = _reliable(
+    "/robot_markers",
+    MARKER_ARRAY,
+    10.0,
+    "robot_markers",
+    "frame, platform, cables coloured by tension, payload and trajectory as markers in base, for RViz and Foxglove",
+)
 EVENTS = _reliable(
     "/events",
     STRING,
@@ -234,6 +242,7 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         RECORDER_STATE,
         DIAGNOSTICS,
         EVENTS,
+        ROBOT_MARKERS,
         SIMULATED_PAYLOAD,
         SET_SIMULATED_PAYLOAD,
     )

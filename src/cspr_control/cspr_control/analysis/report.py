@@ -21,9 +21,10 @@ from cspr_control.analysis.error_statistics import ErrorStatistics
 from cspr_control.analysis.figures import CABLE_OF_FIGURE_10, payload_change
 from cspr_control.analysis.packing import Packer
 from cspr_control.analysis.run_analysis import RunAnalysis
-from cspr_control.analysis.style import COLOURS, TENSION_COLOURS, controller_colour, controller_title
+from cspr_control.analysis.style import COLOURS, controller_colour, controller_title
 from cspr_control.analysis.tables import motor_rows, summary_rows
 from cspr_control.analysis.timeline import Event, EventKind
+from cspr_control.tension_colours import TENSION_COLOURS
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -18,9 +18,6 @@ from matplotlib.figure import Figure
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#111111", "#882255")
 """One for each motor and its cable, in their order; from the ninth on they come again, dashed."""
 
-TENSION_COLOURS: Final = ("#0d0887", "#5e01a6", "#9e199d", "#cd4a76", "#ef7e50", "#feba2c")
-"""From a slack to a heavily loaded cable: matplotlib's "plasma" without its palest end."""
-
 CONTROLLER_COLOURS: Final[Mapping[str, str]] = {
     "pd": COLOURS[6],
     "static": COLOURS[5],

@@ -35,6 +35,7 @@ PACKAGES = {
     "simulated_robot": "cspr_drivers.nodes.simulated_robot",
     "control": "cspr_control.nodes.control",
     "recorder": "cspr_msgs_py.nodes.recorder",
+    "robot_markers": "cspr_control.nodes.robot_markers",
 }
 DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and say how well it did.
@@ -81,7 +82,7 @@ def main(args: list[str] | None = None) -> int:
                 options.speed,
             )
             directory = _new_run_directory(Path(options.runs))
-            summary, analysis = _run(scenario, directory, Path(options.config))
+            summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
             summaries.append(summary)
             analyses.append(analysis)
             print(f"\n{format_summary(summary)}")
@@ -140,6 +141,11 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "--speed", type=_speed, default=1.0, metavar="FACTOR",
         help="pace of the simulated machine, 0.1 to 1, for a computer that is too slow for it; default: %(default)s",
     )  # fmt: skip
+    parser.add_argument(
+        "--markers",
+        action="store_true",
+        help="also publish /robot_markers, for RViz and Foxglove (config/views)",
+    )
     parser.add_argument(
         "--config", default="config", metavar="DIR", help="configuration; default: %(default)s"
     )
@@ -225,7 +231,7 @@ def _new_run_directory(runs: Path) -> Path:
     return directory
 
 
-def _run(scenario: Scenario, directory: Path, source: Path) -> tuple[RunSummary, RunAnalysis]:
+def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tuple[RunSummary, RunAnalysis]:
     config = directory / "config"
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
@@ -242,6 +248,10 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> tuple[RunSummary,
             children.start("recorder", PACKAGES["recorder"], recording)
             children.start("simulated_robot", PACKAGES["simulated_robot"], simulating)
             children.start("control", PACKAGES["control"], controlling)
+            if markers:
+                children.start(
+                    "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
+                )
             run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
             run.call("/supervisor/enable", 20.0)
             run.wait("enabling", lambda: client.robot_state == "enabled", 10.0, lambda: client.robot_message)
