@@ -16,7 +16,7 @@ PERIOD = 4_000_000  # ns
 def ramp(stamps: np.ndarray, speed: float, offset: float = 0.0) -> JointStates:
     position = speed * stamps[:, None] * 1e-9 * np.ones(8) + offset
     return JointStates(
-        ("motor",) * 8, stamps, stamps, position, np.full_like(position, speed), 0.0 * position
+        0, stamps, stamps, ("motor",) * 8, position, np.full_like(position, speed), 0.0 * position
     )
 
 

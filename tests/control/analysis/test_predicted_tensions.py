@@ -21,7 +21,7 @@ def test_same_as_the_feedforward_sample_by_sample(robot: Robot, model: Feedforwa
     points = [trajectory.sample(float(t)) for t in times]
     stamps = START + np.rint(times * 1e9).astype(np.int64)
     references = References(
-        stamps, stamps, times,
+        START, stamps, stamps, times,
         np.array([p.pose.position for p in points]),
         np.array([p.pose.quaternion for p in points]),
         np.array([p.twist.linear for p in points]),
@@ -31,7 +31,7 @@ def test_same_as_the_feedforward_sample_by_sample(robot: Robot, model: Feedforwa
     )  # fmt: skip
     mass, center = np.array([100.0, 200.0]), np.array([[0.0, 0.0, 0.0], [0.02, -0.03, -0.2]])
     changes = np.array([START - 10**9, START + 3 * 10**9])
-    predicted = predict_tensions(robot, references, Inertias(changes, changes, mass, center))
+    predicted = predict_tensions(robot, references, Inertias(START, changes, changes, mass, center))
     settings = FeedforwardSettings(
         model=model, payload_source=PayloadSource.ESTIMATED, payload_timeout=100.0, switch_slew=1e9
     )
@@ -51,7 +51,7 @@ def test_between_two_references_it_is_linear(robot: Robot) -> None:
     zero = np.zeros((2, 3))
     level = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
     position = np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]])
-    references = References(stamps, stamps, stamps * 1e-9, position, level, zero, zero, zero, zero)
+    references = References(START, stamps, stamps, stamps * 1e-9, position, level, zero, zero, zero, zero)
     predicted = predict_tensions(robot, references, None)
     middle = predicted.dynamic_at(np.array([START + 5_000_000]))
     np.testing.assert_allclose(middle[0], predicted.dynamic.mean(axis=0))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.recording import Recording
-from cspr_msgs_py.text_messages import Status
+from cspr_control.analysis.timeline import Status
 
 Floats = NDArray[np.float64]
 

@@ -180,8 +180,6 @@ def read_recording(
                 recording = _read(bag, path, robot_file, configuration_directory)
     except BagError as error:
         raise ControlError(str(error)) from error
-    except ValueError as error:
-        raise ControlError(f"{path}: a message cannot be read: {error}") from error
     damage = tuple(str(warning.message) for warning in caught if issubclass(warning.category, BagWarning))
     object.__setattr__(recording, "remarks", (*damage, *recording.remarks))
     return recording

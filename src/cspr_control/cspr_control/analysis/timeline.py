@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspr_msgs_py.bag_reader import Bag
-from cspr_msgs_py.text_messages import (
-    Status,
-    decode_log_line,
-    decode_status,
-    decode_statuses,
-    decode_text,
-)
 from cspr_msgs_py.topics import DIAGNOSTICS, DRIVE_STATES, EVENTS, ROBOT_STATE, TRAJECTORY_STATE
 
 LOG = "/rosout"
@@ -33,6 +27,15 @@ class EventKind(Enum):
     PAYLOAD = "payload"
     WARNING = "warning"
     STATE = "state"
+
+
+@dataclass(frozen=True)
+class Status:
+    """One ``diagnostic_msgs/DiagnosticStatus``: who says it, what, and values by their keys."""
+
+    name: str
+    message: str
+    values: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -98,28 +101,28 @@ def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
     Raises
     ------
     BagError
-        If a chunk is damaged.
-    ValueError
         If a message is not what its topic promises.
     """
 
-    def read(topic: str) -> list[tuple[int, bytes]]:
-        messages = list(_messages(bag, topic))
-        times = clock(np.array([time_ns for time_ns, _ in messages], dtype=np.int64))
-        return list(zip(times.tolist(), (data for _, data in messages), strict=True))
+    def read(topic: str) -> list[tuple[int, Any]]:
+        if not counts.get(topic):
+            return []
+        found = bag.read(topic)
+        return list(zip(clock(found.log_time_ns).tolist(), found.messages, strict=True))
 
-    robot = [(t, decode_status(data)) for t, data in read(ROBOT_STATE.name)]
-    trajectory = [(t, decode_status(data)) for t, data in read(TRAJECTORY_STATE.name)]
+    counts = bag.counts
+    robot = [(t, _status(message)) for t, message in read(ROBOT_STATE.name)]
+    trajectory = [(t, _status(message)) for t, message in read(TRAJECTORY_STATE.name)]
     diagnostics: dict[str, list[tuple[int, Status]]] = {}
-    for time_ns, data in read(DIAGNOSTICS.name):
-        for status in decode_statuses(data):
-            diagnostics.setdefault(status.name.rsplit("/", 1)[-1], []).append((time_ns, status))
-    drives = [(t, status) for t, data in read(DRIVE_STATES.name) for status in decode_statuses(data)]
+    for t, array in read(DIAGNOSTICS.name):
+        for status in map(_status, array.status):
+            diagnostics.setdefault(status.name.rsplit("/", 1)[-1], []).append((t, status))
+    drives = [(t, _status(status)) for t, array in read(DRIVE_STATES.name) for status in array.status]
     events = [
         *_state_events(robot),
         *_drive_events(drives),
         *_trajectory_events(trajectory),
-        *(Event(t, EventKind.MARK, decode_text(data)) for t, data in read(EVENTS.name)),
+        *(Event(t, EventKind.MARK, message.data) for t, message in read(EVENTS.name)),
         *_log_events(read(LOG)),
     ]
     return Timeline(
@@ -130,11 +133,8 @@ def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
     )
 
 
-def _messages(bag: Bag, topic: str) -> Iterable[tuple[int, bytes]]:
-    if topic in bag.topics:
-        for log_time, publish_time, data in bag.messages(topic):
-            # a latched message may have waited long for the recorder to appear
-            yield (min(log_time, publish_time) if publish_time else log_time), data
+def _status(message: Any) -> Status:
+    return Status(message.name, message.message, {pair.key: pair.value for pair in message.values})
 
 
 def _spans(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[Span, ...]:
@@ -190,9 +190,8 @@ def _trajectory_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event
         yield Event(time_ns, EventKind.STATE, f"trajectory{named}: {status.message}")
 
 
-def _log_events(messages: Iterable[tuple[int, bytes]]) -> Iterable[Event]:
-    for time_ns, data in messages:
-        line = decode_log_line(data)
+def _log_events(lines: Iterable[tuple[int, Any]]) -> Iterable[Event]:
+    for time_ns, line in lines:
         if line.level >= _WARNING:
             kind = EventKind.FAULT if line.level >= _ERROR else EventKind.WARNING
-            yield Event(time_ns, kind, f"{line.name}: {line.text}")
+            yield Event(time_ns, kind, f"{line.name}: {line.msg}")
