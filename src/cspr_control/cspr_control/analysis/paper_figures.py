@@ -124,6 +124,7 @@ def deviation_figure(statistics: Mapping[str, ErrorStatistics]) -> Figure:
         values = {name: getattr(one, quantity) for name, one in statistics.items()}
         draw_bars(axis, values)
         axis.set(ylabel="tension, N", title="RMS" if quantity == "rms" else quantity.capitalize())
+        axis.set_ylim(bottom=0.0)
     if len(statistics) > 1:
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(statistics))
     axes[0].set_title("Deviation of the dynamic from the static model: maximum")

@@ -103,8 +103,10 @@ def save_figure(figure: Figure, directory: Path, name: str) -> tuple[Path, Path]
     """Store a figure as ``NAME.png`` and ``NAME.svg`` and return both paths."""
     (directory / name).parent.mkdir(parents=True, exist_ok=True)
     picture, drawing = directory / f"{name}.png", directory / f"{name}.svg"
-    figure.draw_without_rendering()  # lays the figure out, once for both files
-    figure.set_layout_engine("none")
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)  # once for both files
+        figure.set_layout_engine("none")
     figure.savefig(picture, metadata={"Software": None})
     figure.savefig(drawing, metadata={"Date": None, "Creator": None})
     return picture, drawing
