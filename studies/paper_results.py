@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cspr_control.analysis.paper_figures import DeviationStatistics
+from cspr_control.analysis.error_statistics import ErrorStatistics
 from cspr_control.paper_trajectories import paper_18, paper_19, paper_19_tilt
 from cspr_control.trajectory_catalogue import TrajectoryName
 from cspr_kinematics import Robot
@@ -44,22 +44,22 @@ class TensionResults:
         return TensionResults(first_simulation(robot), second_simulation(robot), third_simulation(robot))
 
     @property
-    def accelerating(self) -> dict[str, DeviationStatistics]:
+    def accelerating(self) -> dict[str, ErrorStatistics]:
         """Statistics of the first and the second simulation while the platform accelerates.
 
         Over the whole trajectory the median would say little: half of the samples are zero.
         """
         return {
-            study.name: DeviationStatistics.of(study.between(0.0, switch + SAMPLE_TIME).deviation)
+            study.name: ErrorStatistics.of(study.between(0.0, switch + SAMPLE_TIME).deviation)
             for study, switch in ((self.first, SWITCH_18), (self.second, SWITCH_19))
         }
 
     @property
-    def payload_change(self) -> tuple[DeviationStatistics, DeviationStatistics]:
+    def payload_change(self) -> tuple[ErrorStatistics, ErrorStatistics]:
         """Statistics of the third simulation before and after the load is added."""
         return (
-            DeviationStatistics.of(self.third.between(0.0, ADDED_AT).deviation),
-            DeviationStatistics.of(self.third.between(ADDED_AT, np.inf).deviation),
+            ErrorStatistics.of(self.third.between(0.0, ADDED_AT).deviation),
+            ErrorStatistics.of(self.third.between(ADDED_AT, np.inf).deviation),
         )
 
 

@@ -14,6 +14,7 @@ EXECUTABLES = (
     "control",
     "demo",
     "workspace",
+    "analyze",
     "rerun",
 )
 
@@ -21,7 +22,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "analysis/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -34,6 +34,7 @@ EXECUTABLES = {
 PROGRAMS = {  # what ends by itself, and words that its --help must have
     "demo": ("--controller", "--exact-mass", "--compare", "--add-payload", "--realtime", "examples:"),
     "workspace": ("--robot", "--payload"),
+    "analyze": ("BAG", "--output", "--label", "examples:"),
     "rerun": ("BAG", "--set", "--payload", "examples:"),
 }
 

@@ -169,6 +169,14 @@ class Scanner:
         self._offset = start + size
         return self._buffer[start : self._offset]
 
+    def octet(self) -> int:
+        """Read an unsigned integer of 8 bits."""
+        return self._take(1, alignment=1)[0]
+
+    def time(self) -> int:
+        """Read a Time or Duration; return its nanoseconds."""
+        return unpack_time(self._take(8, alignment=4), 0)
+
     def count(self) -> int:
         """Read the length of a sequence."""
         return int.from_bytes(self._take(4, alignment=4), "little")

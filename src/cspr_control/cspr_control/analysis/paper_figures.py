@@ -8,13 +8,13 @@ SI. Motors and cables are the last axis of an array, in the order of ``robot.yam
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cspr_control.analysis.error_statistics import ErrorStatistics
 from cspr_control.analysis.style import (
     COLOURS,
     EVENT_COLOUR,
@@ -26,30 +26,6 @@ from cspr_control.analysis.style import (
 )
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class DeviationStatistics:
-    """Size of a deviation of each cable over a stretch of time: of its absolute value, each (m,), N."""
-
-    maximum: Floats
-    median: Floats
-    rms: Floats
-
-    @classmethod
-    def of(cls, deviation: Floats) -> DeviationStatistics:
-        """Return the statistics of a deviation (n, m); NaN without samples."""
-        if len(deviation) == 0:
-            nothing = np.full(deviation.shape[1], np.nan)
-            return cls(nothing, nothing, nothing)
-        size = np.abs(deviation)
-        return cls(size.max(axis=0), np.median(size, axis=0), np.sqrt((size**2).mean(axis=0)))
-
-    def __sub__(self, other: DeviationStatistics) -> DeviationStatistics:
-        """Return the difference of two statistics."""
-        return DeviationStatistics(
-            self.maximum - other.maximum, self.median - other.median, self.rms - other.rms
-        )
 
 
 def trajectory_figure(
@@ -140,7 +116,7 @@ def tension_figure(
     return figure
 
 
-def deviation_figure(statistics: Mapping[str, DeviationStatistics]) -> Figure:
+def deviation_figure(statistics: Mapping[str, ErrorStatistics]) -> Figure:
     """Fig. 9: maximum, median and RMS of the models' deviation for each cable, side by side by trajectory or run."""
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
@@ -179,7 +155,7 @@ def payload_change_figure(
     left.set(xlabel="time, s", ylabel="tension, N", title=f"Cable {cable}: dynamic less static model")
     mark_times(left, (change_time,), unit_change)
     before, after = (
-        DeviationStatistics.of(deviation[part, None]) for part in (time < change_time, time >= change_time)
+        ErrorStatistics.of(deviation[part, None]) for part in (time < change_time, time >= change_time)
     )
     difference = before - after
     names = ("maximum", "median", "rms")

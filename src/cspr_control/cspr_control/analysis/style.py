@@ -15,8 +15,6 @@ from typing import Any, Final
 import matplotlib
 from matplotlib.figure import Figure
 
-from cspr_control.tension_colours import TENSION_COLOURS as TENSION_COLOURS
-
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#111111", "#882255")
 """One for each motor and its cable, in their order; from the ninth on they come again, dashed."""
 
@@ -94,14 +92,19 @@ def controller_colour(name: str, index: int) -> str:
 
 
 def controller_title(name: str) -> str:
-    """Return how a controller is written in a figure."""
-    return CONTROLLER_TITLES.get(name, name)
+    """Return how a controller is written in a figure; what follows its name, such as a date, stays."""
+    for known in sorted(CONTROLLER_TITLES, key=len, reverse=True):
+        if name == known or name.startswith(f"{known} "):
+            return CONTROLLER_TITLES[known] + name[len(known) :]
+    return name
 
 
 def save_figure(figure: Figure, directory: Path, name: str) -> tuple[Path, Path]:
     """Store a figure as ``NAME.png`` and ``NAME.svg`` and return both paths."""
-    directory.mkdir(parents=True, exist_ok=True)
+    (directory / name).parent.mkdir(parents=True, exist_ok=True)
     picture, drawing = directory / f"{name}.png", directory / f"{name}.svg"
+    figure.draw_without_rendering()  # lays the figure out, once for both files
+    figure.set_layout_engine("none")
     figure.savefig(picture, metadata={"Software": None})
     figure.savefig(drawing, metadata={"Date": None, "Creator": None})
     return picture, drawing

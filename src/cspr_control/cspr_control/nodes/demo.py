@@ -8,10 +8,15 @@ import math
 import os
 import signal
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
 
+from cspr_control.analysis.recording import read_recording
+from cspr_control.analysis.results import default_directory, write_results
+from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.child_processes import ChildProcesses
 from cspr_control.demo_scenario import (
     CONTROLLERS,
@@ -38,7 +43,7 @@ Run the complete node graph on a simulated robot, record it, and say how well it
 Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
 moves to the start of the trajectory, follows it with a payload that the controller has not been told of, takes up
 another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
-bag/ (MCAP), config/ (what was used), log/, summary.json."""
+bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""
 EPILOG = """\
 examples:
   demo                                         the feed-forward with the estimated mass, 100 kg aboard, +100 kg at 3 s
@@ -59,6 +64,7 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault("ROS_DOMAIN_ID", "33")
     chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
     summaries: list[RunSummary] = []
+    analyses: list[RunAnalysis] = []
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -76,12 +82,14 @@ def main(args: list[str] | None = None) -> int:
                 options.speed,
             )
             directory = _new_run_directory(Path(options.runs))
-            summary = _run(scenario, directory, Path(options.config), options.markers)
+            summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
             summaries.append(summary)
+            analyses.append(analysis)
             print(f"\n{format_summary(summary)}")
             if options.speed < 1.0:
                 print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
-            print(f"  recorded in           {directory}\n")
+            print(f"  recorded in           {directory}", flush=True)
+            _report([analysis], figures=not options.compare)
     except KeyboardInterrupt:
         print(
             "demo: interrupted; brakes are closed, every process has ended, the bag is readable",
@@ -93,6 +101,7 @@ def main(args: list[str] | None = None) -> int:
         return 1
     if options.compare:
         print(format_comparison(summaries))
+        _report(analyses)
     return 0
 
 
@@ -222,7 +231,7 @@ def _new_run_directory(runs: Path) -> Path:
     return directory
 
 
-def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> RunSummary:
+def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tuple[RunSummary, RunAnalysis]:
     config = directory / "config"
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
@@ -268,9 +277,9 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> Ru
             raise
         finally:
             progress.end()
+    recorded = read_recording(directory / "bag", configuration_directory=config)
     summary = summarise_run(
-        directory / "bag",
-        window_ns=(start, end),
+        recorded,
         controller=scenario.controller,
         exact_mass=scenario.exact_mass,
         trajectory=scenario.trajectory,
@@ -279,7 +288,18 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> Ru
     with open(directory / "summary.json", "w", encoding="utf-8") as file:
         json.dump(summary.as_mapping(), file, indent=2)
         file.write("\n")
-    return summary
+    return summary, analyse_recording(replace(recorded, outcome=summary.as_mapping()), summary.name)
+
+
+def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
+    """Write figures and report beside the bag, and say where; a run without them is a good run all the same."""
+    directory = default_directory([run.recording.path for run in runs])
+    try:
+        results = write_results(runs, directory, figures=figures)
+    except (ControlError, OSError) as problem:
+        print(f"  report                none: {problem}\n")
+    else:
+        print(f"  report                {os.path.relpath(results.report)}\n")
 
 
 if __name__ == "__main__":
