@@ -233,8 +233,9 @@ def test_a_parameter_that_was_changed_while_recording_changes_in_the_rerun(robot
 def test_a_recording_that_began_late_is_reproduced_from_its_first_estimate_on(graph, tmp_path):
     bag = graph.write(tmp_path / "bag", since=0.4)
     _, comparison = run(bag, "--output", tmp_path / "rerun")
-    # the filter's past is lost; the load had been steady
+    # the filter's past is lost; the load had been steady, and the feed-forward knows of it from the first reference on
     assert comparison["payload"]["mass"]["maximum"] < 2.0
+    assert comparison["setpoint"]["effort"]["maximum"] < 0.02
     assert comparison["payload"]["recorded_quality"]["final_error"] == pytest.approx(
         comparison["payload"]["rerun_quality"]["final_error"], abs=0.5
     )
@@ -302,6 +303,21 @@ def test_what_cannot_be_rerun_is_said_in_one_line(graph, bag, tmp_path, capsys):
     existing.mkdir()
     assert "exists already" in _refused(capsys, bag, "--output", existing)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_that_was_cut_off_gives_what_it_has(graph, tmp_path, capsys):
+    bag = graph.write(tmp_path / "bag")
+    (file,) = bag.glob("*.mcap")
+    whole = graph_length = file.stat().st_size
+    with open(file, "r+b") as stream:
+        stream.truncate(graph_length - 20_000)
+    (bag / "metadata.yaml").unlink()
+    assert whole > 40_000
+    assert rerun.main([str(bag), "--output", str(tmp_path / "out")]) in (0, 1)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines
+    assert all(line.startswith("rerun: ") for line in lines)
+    assert str(file) in lines[0]
 
 
 def test_a_bag_without_configuration_takes_that_of_a_directory(graph, tmp_path):

@@ -218,6 +218,7 @@ def rerun_feedforward(
     settings: Schedule[FeedforwardSettings],
     references: References,
     payloads: Inertias | EstimatedPayloads | None,
+    initial: Payload | None = None,
     progress: Progress = _silent,
 ) -> Setpoints:
     """Answer recorded references with set-points.
@@ -230,11 +231,15 @@ def rerun_feedforward(
         What the motors were to follow.
     payloads
         Recorded or re-run estimates; None if there are none.
+    initial
+        Estimate that had arrived before the first reference.
     progress
         Called now and then with the share that is done.
     """
     feedforward = Feedforward(robot, settings.first)
     begin = int(references.log_time_ns[0])
+    if initial is not None:
+        feedforward.set_estimate(0.0, initial.mass, initial.center_of_mass)
     rows: list[tuple[int, int, Floats, Floats, Floats, bool]] = []
 
     def change(time: int, index: int) -> None:

@@ -7,10 +7,11 @@ import importlib.metadata
 import json
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import yaml
 
@@ -21,7 +22,9 @@ from cspr_control.node_parameters import (
     estimator_settings,
     feedforward_settings,
     known_parameter,
+    parameter_values,
 )
+from cspr_control.payload_estimation import UPDATE_PERIOD
 from cspr_control.rerun import (
     EstimatedPayloads,
     Progress,
@@ -43,7 +46,7 @@ from cspr_control.rerun_recording import Configuration, Recording, schedule
 from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag_reader import Bag, BagWarning
+from cspr_msgs_py.bag_reader import Bag, BagWarning, Inertias
 from cspr_msgs_py.errors import MessagesError
 
 NODES = {"mass_estimator": MASS_ESTIMATOR, "feedforward": FEEDFORWARD}
@@ -90,8 +93,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> None:
     source = Path(options.bag)
     output = _output(options.output, source)
-    with warnings.catch_warnings(), Bag(source) as bag:
-        warnings.simplefilter("default", BagWarning)
+    with _warnings_in_one_line(), Bag(source) as bag:
         given = Configuration.from_directory(Path(options.config)) if options.config else None
         recording = Recording(bag, given)
         if given is None:
@@ -129,6 +131,26 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
     print(f"  written to   {output}")
 
 
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Say what is missing from a bag as everything else is said."""
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        print(f"rerun: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", BagWarning)
+        warnings.showwarning = show
+        yield
+
+
 def _estimate(
     recording: Recording, given: dict[str, Any]
 ) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
@@ -160,9 +182,24 @@ def _answer(
         payloads = recording.payloads(topic)
     elif rerun is None and recording.holds(topics.PAYLOAD):
         payloads = recording.payloads()
-    setpoints = rerun_feedforward(recording.robot, settings, references, payloads, _progress("feedforward"))
+    initial = None if payloads is None else _known_before(recording, payloads)
+    setpoints = rerun_feedforward(
+        recording.robot, settings, references, payloads, initial, _progress("feedforward")
+    )
     recorded = recording.setpoints() if recording.holds(topics.SETPOINT) else None
     return setpoints, compare_setpoints(setpoints, recorded), values
+
+
+def _known_before(recording: Recording, payloads: Inertias | EstimatedPayloads) -> Payload | None:
+    """Return the first payload if it must have been told before the recording began.
+
+    An estimator that begins leaves zero at a limited rate; a first estimate beyond that is not its first one.
+    """
+    parameters = recording.configuration.parameters.of("mass_estimator")
+    rate_limit = parameter_values(MASS_ESTIMATOR, parameters)["mass_rate_limit"]
+    if payloads.mass[0] <= 2.0 * rate_limit * UPDATE_PERIOD:
+        return None
+    return Payload(float(payloads.mass[0]), payloads.center_of_mass[0])
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -224,8 +261,7 @@ def _output(given: str | None, source: Path) -> Path:
         if Path(given).exists():
             raise ControlError(f"{given} exists already and is not overwritten: name another --output")
         return Path(given)
-    parent = source.absolute().parent if source.exists() else Path()
-    parent = Path(*source.parts[:-1]) if len(source.parts) > 1 else parent
+    parent = source.parent if source.name else source.resolve().parent
     output, number = parent / "rerun", 2
     while output.exists():
         output, number = parent / f"rerun-{number}", number + 1
