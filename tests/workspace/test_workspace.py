@@ -36,6 +36,8 @@ PROGRAMS = {  # what ends by itself, and words that its --help must have
     "workspace": ("--robot", "--payload"),
     "analyze": ("BAG", "--output", "--label", "examples:"),
     "rerun": ("BAG", "--set", "--payload", "examples:"),
+    "recover": ("--output", "examples:"),
+    "replay": ("--rate", "--loop", "--start", "--topics", "examples:"),
 }
 
 
@@ -127,7 +129,7 @@ def test_executable_names_itself_and_stops(workspace: Path, tmp_path: Path, name
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_program_teaches(workspace: Path, name: str) -> None:
-    program = workspace / "install" / "cspr_control" / "lib" / "cspr_control" / name
+    (program,) = workspace.glob(f"install/*/lib/cspr_*/{name}")
     done = subprocess.run(
         [str(program), "--help"], cwd=workspace, env=environment(workspace), capture_output=True, text=True,
         timeout=60, check=False,

@@ -43,6 +43,9 @@ _CHUNK: Final = struct.Struct(
 _FOOTER: Final = struct.Struct("<QQI")  # start of the summary, of its offsets, CRC
 
 
+_NOTHING: Final = MessageBlock(np.empty(0, dtype=np.uint8), np.empty(0, dtype=np.int64))
+
+
 class _DamageError(ValueError):
     """What a chunk holds cannot be had."""
 
@@ -151,16 +154,15 @@ class McapFile:
 
     def block(self, region: Region, channels: Collection[int]) -> MessageBlock:
         """Return the messages of some channels in a region; none, with a warning, if it is damaged."""
-        nothing = np.empty(0, dtype=np.uint8), np.empty(0, dtype=np.int64)
         if region.damaged or not any(region.counts[channel] for channel in channels):
-            return MessageBlock(*nothing)
+            return _NOTHING
         try:
-            records = self._records(region)
+            records = self.contents(region)
             block = self._indexed(region, records, channels)
             return block or MessageBlock(records, message_offsets(records, channels))
         except ValueError as error:
             self._miss(region, error)
-            return MessageBlock(*nothing)
+            return _NOTHING
 
     def _indexed(
         self, region: Region, records: NDArray[np.uint8], channels: Collection[int]
@@ -286,7 +288,7 @@ class McapFile:
         region.counts.clear()
         region.indexes.clear()
         try:
-            for opcode, _, content in walk(self._records(region)):
+            for opcode, _, content in walk(self.contents(region)):
                 if opcode == Opcode.MESSAGE:
                     region.counts[_MESSAGE.unpack_from(content)[0]] += 1
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -294,7 +296,7 @@ class McapFile:
         except ValueError:  # the last chunk may have the right length and not yet its contents
             region.damaged = True
 
-    def _records(self, region: Region) -> NDArray[np.uint8]:
+    def contents(self, region: Region) -> NDArray[np.uint8]:
         """Return the records inside a region.
 
         Raises

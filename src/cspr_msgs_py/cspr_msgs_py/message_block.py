@@ -19,7 +19,9 @@ _HEAD: Final = np.dtype(
     ]
 )
 _LENGTH_END: Final = 9  # bytes of a record up to the end of its length
+_BEGIN: Final = _LENGTH_END + 2  # ... up to the end of its channel
 _OVERHEAD: Final = _HEAD.itemsize - _LENGTH_END
+_MESSAGE: Final = int(Opcode.MESSAGE)
 
 
 class MessageBlock:
@@ -47,16 +49,20 @@ class MessageBlock:
         self._records = records
         self._offsets = offsets
         self._heads = heads = _take(records, offsets, _HEAD)
+        self.uniform_size: int | None = None
+        if not len(heads):
+            return
         # Nearly always all messages are of one topic and size: then one comparison checks all of them.
-        begins = heads.view(np.uint8).reshape(len(heads), _HEAD.itemsize)[:, : _LENGTH_END + 2]
-        self.uniform_size = int(self.sizes[0]) if len(heads) and (begins == begins[0]).all() else None
-        if self.uniform_size is None:
-            wrong = (heads["opcode"] != Opcode.MESSAGE).any() or (self.sizes < 0).any()
-            outside = (offsets + _HEAD.itemsize + self.sizes > len(records)).any()
+        begins = heads.view(np.uint8).reshape(len(heads), _HEAD.itemsize)[:, :_BEGIN]
+        if (begins == begins[0]).all():
+            opcode, length = int(heads["opcode"][0]), int(heads["length"][0])
+            right = opcode == _MESSAGE and length >= _OVERHEAD
+            inside = int(offsets.max()) + _LENGTH_END + length <= len(records)
+            self.uniform_size = length - _OVERHEAD
         else:
-            wrong = heads["opcode"][0] != Opcode.MESSAGE or self.uniform_size < 0
-            outside = offsets.max() + _HEAD.itemsize + self.uniform_size > len(records)
-        if wrong or outside:
+            right = bool((heads["opcode"] == _MESSAGE).all() and (self.sizes >= 0).all())
+            inside = bool((offsets + _HEAD.itemsize + self.sizes <= len(records)).all())
+        if not (right and inside):
             raise ValueError("the index of a chunk points to what is no message")
 
     @property
@@ -124,7 +130,7 @@ class MessageBlock:
         fields = (self.channels, self.sequences, self.log_times, self.publish_times)
         for head, data in zip(zip(*(field.tolist() for field in fields), strict=True), self, strict=True):
             changed = change(data)
-            row = np.array((Opcode.MESSAGE, _OVERHEAD + len(changed), *head), _HEAD)
+            row = np.array((_MESSAGE, _OVERHEAD + len(changed), *head), _HEAD)
             parts += [row.tobytes(), changed]
             offsets.append(end)
             end += _HEAD.itemsize + len(changed)
@@ -135,7 +141,7 @@ def message_offsets(records: NDArray[np.uint8], channels: Collection[int]) -> ND
     """Return where the messages of some channels begin, by walking through all records."""
     offsets = []
     for opcode, start, content in walk(records):
-        if opcode == Opcode.MESSAGE and int.from_bytes(content[:2], "little") in channels:
+        if opcode == _MESSAGE and int.from_bytes(content[:2], "little") in channels:
             offsets.append(start)
     return np.array(offsets, dtype=np.int64)
 
