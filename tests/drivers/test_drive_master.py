@@ -603,3 +603,20 @@ def test_home_is_not_set_without_the_positions(rig, far_end, wait_until):
     wait_until(lambda: rig.state is GroupState.DISABLED)
     far_end.drives[6].answers_sync = False
     wait_until(lambda: rig.master.set_home() == "motor_7 does not report its position")
+
+
+def test_the_error_of_a_drive_that_was_in_fault_before_is_known(config, ports, far_end, wait_until):
+    drive = far_end.drives[2]
+    drive.status = FAULT
+    drive.objects[0x603F, 0] = bytes.fromhex("05 73")
+    drive.objects[0x1001, 0] = bytes.fromhex("81")
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.state is GroupState.FAULT)
+        wait_until(lambda: rig.master.snapshot().drives[2].errors)
+        assert (
+            rig.master.snapshot().drives[2].errors[0].text == "incremental sensor 1 fault (error code 0x7305)"
+        )
+    finally:
+        rig.master.stop()

@@ -45,6 +45,8 @@ class DriveFacts:
         Velocity, rad/s, of one unit of 606Ch; `None` where it is not asked for.
     emergency_stop
         Whether its input for the emergency stop is active.
+    error_code, error_register
+        Its last error (603Fh) and the errors that are present (1001h): messages of before nobody has heard.
     written
         Settings that had to be written, 0 when it was configured already.
     """
@@ -52,6 +54,8 @@ class DriveFacts:
     rated_current: float | None
     velocity_unit: float | None
     emergency_stop: bool
+    error_code: int
+    error_register: int
     written: int
 
 
@@ -81,8 +85,10 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.set(wrong)
     device.wait_for(drive_mode())
+    code = device.read_if_present(Parameter(0x603F, 0, 16, 0, "error code")) or 0
+    register = device.read_if_present(Parameter(0x1001, 0, 8, 0, "error register")) or 0
     _start(device)
-    return DriveFacts(current, unit, _emergency_stop(device, config), len(wrong))
+    return DriveFacts(current, unit, _emergency_stop(device, config), code, register, len(wrong))
 
 
 @dataclass(frozen=True)

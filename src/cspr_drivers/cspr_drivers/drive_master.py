@@ -82,6 +82,7 @@ class DriveMaster:
         self._angles = [0.0] * count
         self._torques = [0.0] * count
         self._sync_time = 0.0
+        self._cycle_end = 0.0  # until when commands that answer this cycle's states are fresh
         self._sync_stamp = 0
         self._published_stamp = 0
         self._command_stamps = [0] * count
@@ -204,7 +205,7 @@ class DriveMaster:
                 return  # the torque stays what it was when the fault came, until the brakes hold
             frame = self._frames[index]
             frame.torque = self._config.drives[index].units.per_mille(torque)
-            if frame.send(self._group.control_words[index], self._sync_time + self._config.period):
+            if frame.send(self._group.control_words[index], self._cycle_end):
                 self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=clock.monotonic())
 
     def reject_command(self, index: int, problem: str) -> None:
@@ -344,6 +345,7 @@ class DriveMaster:
     def _begin_cycle(self, now: float, stamp_ns: int) -> None:
         self._cycle.sync(counted=self._group.state is GroupState.ENABLED)
         self._sync_time = now
+        self._cycle_end = now + self._clock.period
         self._sync_stamp = stamp_ns
 
     def _feedback(self, index: int, data: bytes | bytearray, now: float) -> None:
@@ -444,6 +446,9 @@ class DriveMaster:
         with self._lock:
             self._facts[index] = facts
             self._group.configured(index)
+            if facts.error_register:
+                past = Emergency(facts.error_code, facts.error_register, bytes(5), clock.monotonic())
+                self._group.emergency(index, past)
             self._group.emergency_stop(index, facts.emergency_stop, clock.monotonic())
 
     def _may_configure(self) -> bool:
