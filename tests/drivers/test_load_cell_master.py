@@ -213,3 +213,17 @@ def test_cells_that_show_the_same_because_nothing_moves_are_sound():
     for step in range(400):
         cells.observe(0.01 * step, (100.0, 200.0, 300.0 + step % 2))
     assert cells.stuck == frozenset()
+
+
+def test_a_cell_that_leaves_nmt_operational_is_started_again(rig, far_end, wait_until):
+    cell = far_end.cells[1]
+    cell.operational = False
+    far_end.send(0x70C, [127])
+
+    def started_again():
+        far_end.send(0x70C, [5 if cell.operational else 127])
+        rig.master.watch(time.monotonic())
+        return cell.operational
+
+    wait_until(started_again)
+    assert "cable_2 (node 12 on main): left NMT operational, it is pre-operational" in rig.lines

@@ -158,14 +158,21 @@ class LoadCellMaster:
         return refusal
 
     def watch(self, now: float) -> None:
-        """Have amplifiers whose heartbeat is missing configured again. Called about once a second."""
+        """Have amplifiers configured again that are silent or not operational. Called about once a second."""
         waiting = self._commissioning.problems
+        times = self._config.timeouts
         for index, device in enumerate(self._devices):
             age = device.heartbeat_age(now)
-            if device.name not in waiting and age > self._config.timeouts.heartbeat_consumer:
+            if device.name in waiting:
+                continue
+            if age > times.heartbeat_consumer:
                 reason = f"no heartbeat for {1e3 * age:.0f} ms"
-                self._report(f"{device.name}: {reason}")
-                self._commissioning.request(index, reason)
+            elif state := device.not_operational(grace=times.heartbeat_producer):
+                reason = f"left NMT operational, it is {state}"
+            else:
+                continue
+            self._report(f"{device.name}: {reason}")
+            self._commissioning.request(index, reason)
 
     def problems(self, now: float) -> dict[str, str]:
         """Return what is wrong with cells, by name; empty when all is well."""

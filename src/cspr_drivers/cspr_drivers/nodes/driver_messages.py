@@ -159,4 +159,6 @@ def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
         "bus_errors": port.bus_errors,
     }
     level = Level.WARN if any(counts.values()) else Level.OK
+    if port.receive_buffer is not None:
+        counts["receive_buffer_bytes"] = port.receive_buffer
     return diagnostic_status(f"{node}: bus {port.name}", level, port.last_problem or "ok", counts)
