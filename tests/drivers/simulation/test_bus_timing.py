@@ -32,6 +32,15 @@ def test_a_frame_takes_its_worst_case_bits(bus):
     assert through(bus, 1.0) == [(1135, 0x181)]
 
 
+def test_an_idle_bus_is_not_early_however_often_it_is_looked_at(bus):
+    bus.offer(frame(0x080), "driver", 0.0)
+    bus.passed(1e-3)
+    bus.offer(frame(0x181, 8), "drive", 5e-3)
+    for look in range(5000, 5131, 5):
+        assert through(bus, look * US) == []
+    assert through(bus, 5136 * US) == [(5135, 0x181)]
+
+
 def test_lower_identifiers_go_first_but_interrupt_nobody(bus):
     bus.offer(frame(0x300, 8), "c", 0.0)
     bus.offer(frame(0x200, 8), "b", 1 * US)

@@ -93,9 +93,9 @@ class BusTiming:
         babbling = self._disturbance is BusDisturbance.BABBLING
         offered, waiting = self._offered, self._waiting
         while waiting or offered or babbling:
-            start = self._free
             if not waiting and not babbling:
-                start = max(start, offered[0][0])
+                self._free = max(self._free, offered[0][0])  # until then the bus was idle
+            start = self._free
             while offered and offered[0][0] <= start:
                 _, count, sender, frame = offered.popleft()
                 heappush(waiting, (frame.arbitration_id, count, sender, frame))

@@ -279,7 +279,7 @@ class DriveEmulator(EmulatedNode):
             self._demand = 0.0
             self._limited = False
         self._demand_time = time
-        torque = self._units.torque(self._demand)
+        torque = self._units.torque(round(self._demand))
         if self.runs_away and automaton.follows_target:
             torque = self._max_torque * self._units.rated_torque / 1000.0
         damping = self._damping * automaton.damping
