@@ -20,16 +20,43 @@ CHANNELS = itertools.count()
 SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x40, 0x21, 0x23, 0x4027, 0x4007, 0x08
 
 
+def numbers(**sizes):
+    """Return objects from their numbers: ``numbers(u16={(0x6072, 0): 1000})``."""
+    bytes_of = {"u8": 1, "u16": 2, "u32": 4}
+    return {
+        key: value.to_bytes(bytes_of[size], "little")
+        for size, values in sizes.items()
+        for key, value in values.items()
+    }
+
+
+def pdos(communication, node_id, cob_ids):
+    """Return default PDOs as devices have them: valid COB-IDs, nothing mapped (CiA 301, section 7.5.2)."""
+    objects = {}
+    for place, base in enumerate(cob_ids):
+        objects |= numbers(
+            u32={(communication + place, 1): base + node_id}
+            | {(communication + place + 0x200, entry): 0 for entry in range(1, 9)},
+            u16={(communication + place, 5): 0},
+            u8={(communication + place, 2): 255, (communication + place + 0x200, 0): 0},
+        )
+    return objects
+
+
 class ScriptedNode:
     """A CANopen device that remembers its objects and does what a test tells it."""
 
-    def __init__(self, node_id, objects):
+    def __init__(self, node_id, product_code, objects):
         self.node_id = node_id
-        self.objects = dict(objects)
+        identity = {(0x1018, 1): 0, (0x1018, 2): product_code, (0x1018, 3): 0x1_0000, (0x1018, 4): node_id}
+        self.objects = numbers(u32=identity, u16={(0x1017, 0): 0}) | objects
+        self._after_power_on = dict(self.objects)
+        self.unanswered = {}
         self.operational = False
         self.answers_sdo = True
         self.answers_sync = True
         self.aborts = {}
+        self.reads = []
         self.writes = []
 
     def sdo(self, data):
@@ -37,17 +64,33 @@ class ScriptedNode:
         command, index, subindex = struct.unpack_from("<BHB", data)
         address = struct.pack("<HB", index, subindex)
         key = (index, subindex)
-        if key in self.aborts:
+        if key in self.aborts and command & 0xE0 != 0x40:
             return b"\x80" + address + struct.pack("<I", self.aborts[key])
+        if self.unanswered.get(key):
+            self.unanswered[key] -= 1
+            if command & 0xE0 != 0x40:
+                self.writes.append((index, subindex, bytes(data[4 : 8 - (command >> 2 & 3)])))
+            return None
         if command & 0xE0 == 0x40:
-            if key not in self.objects:
+            self.reads.append(key)
+            if key not in self.objects and key not in self.live():
                 return b"\x80" + address + struct.pack("<I", 0x0602_0000)
-            value = self.objects[key]
+            value = self.live().get(key) or self.objects[key]
             return bytes([0x43 | (4 - len(value)) << 2]) + address + value.ljust(4, b"\0")
         size = 4 - (command >> 2 & 3)
         self.objects[key] = bytes(data[4 : 4 + size])
         self.writes.append((index, subindex, self.objects[key]))
         return b"\x60" + address + bytes(4)
+
+    def restart(self):
+        """Forget what was written, as after power-on; the boot-up message is for the test to send."""
+        self.objects = dict(self._after_power_on)
+        self.operational = False
+        self.writes.clear()
+
+    def live(self):
+        """Return the objects that change by themselves."""
+        return {}
 
     def read(self, index, subindex=0):
         return int.from_bytes(self.objects[index, subindex], "little")
@@ -74,14 +117,16 @@ class ScriptedDrive(ScriptedNode):
     def __init__(self, node_id):
         super().__init__(
             node_id,
-            {
-                (0x1000, 0): (0x0002_0192).to_bytes(4, "little"),
-                (0x6502, 0): (0x200).to_bytes(4, "little"),
-                (0x6076, 0): (5000).to_bytes(4, "little"),
-                (0x608F, 1): (131072).to_bytes(4, "little"),
-                (0x608F, 2): (1).to_bytes(4, "little"),
-                (0x6061, 0): b"\x0a",
-            },
+            0x402,
+            numbers(
+                u32={(0x1000, 0): 0x0002_0192, (0x6502, 0): 0x200, (0x1016, 1): 0}
+                | {(0x6075, 0): 4200, (0x6076, 0): 5000, (0x608F, 1): 131072, (0x608F, 2): 1},
+                u16={(0x6007, 0): 1, (0x605A, 0): 2, (0x605B, 0): 1, (0x605C, 0): 1, (0x605D, 0): 1}
+                | {(0x605E, 0): 2, (0x6072, 0): 1000},
+                u8={(0x1029, 1): 0, (0x6060, 0): 0, (0x6061, 0): 10},
+            )
+            | pdos(0x1400, node_id, (0x200, 0x300, 0x400, 0x500))
+            | pdos(0x1800, node_id, (0x180, 0x280, 0x380, 0x480)),
         )
         self.status = SWITCH_ON_DISABLED
         self.counts = 0
@@ -89,6 +134,9 @@ class ScriptedDrive(ScriptedNode):
         self.control = 0
         self.rpdos = []
         self.obeys = True
+
+    def live(self):
+        return {(0x6041, 0): self.status.to_bytes(2, "little")}
 
     def rpdo(self, data):
         control, torque = struct.unpack("<Hh", data)
@@ -111,7 +159,12 @@ class ScriptedCell(ScriptedNode):
     """An amplifier with a constant value."""
 
     def __init__(self, node_id):
-        super().__init__(node_id, {(0x1000, 0): (0x0002_0194).to_bytes(4, "little")})
+        super().__init__(
+            node_id,
+            0x404,
+            numbers(u32={(0x1000, 0): 0x0002_0194, (0x6131, 1): 0}, u8={(0x6132, 1): 0})
+            | pdos(0x1800, node_id, (0x180,)),
+        )
         self.value = 100 * node_id
         self.status = 0
 
@@ -163,7 +216,9 @@ class ScriptedBus:
         elif identifier & 0x780 == 0x600:
             node = self.nodes.get(identifier & 0x7F)
             if node is not None and node.answers_sdo and data[0] != 0x80:
-                self.send(0x580 + node.node_id, node.sdo(data))
+                answer = node.sdo(data)
+                if answer is not None:
+                    self.send(0x580 + node.node_id, answer)
         elif identifier & 0x780 == 0x200:
             self.nodes[identifier & 0x7F].rpdo(data)
 
@@ -197,6 +252,7 @@ def config(mapping):
         heartbeat_producer=0.03,
         heartbeat_consumer=0.6,
         sdo=0.1,
+        transition=0.3,
         stop=0.3,
         enable=0.5,
     )

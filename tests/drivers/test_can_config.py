@@ -161,3 +161,23 @@ def test_a_list_at_the_top_is_refused(tmp_path):
     path.write_text("- 1\n")
     with pytest.raises(ConfigurationError, match="must be a mapping"):
         CanConfig.from_yaml(path)
+
+
+def test_a_device_may_be_without_identity(mapping):
+    mapping["drives"][3]["identity"] = None
+    assert CanConfig.from_mapping(mapping, "can.yaml").drives[3].identity is None
+
+
+def test_a_part_of_an_identity_is_not_enough(mapping):
+    del mapping["load_cells"][2]["identity"]["serial_number"]
+    with pytest.raises(ConfigurationError, match=r"load_cells\[2\].identity.serial_number: is missing"):
+        CanConfig.from_mapping(mapping, "can.yaml")
+
+
+@pytest.mark.parametrize("code", [0, 5])
+def test_an_option_code_that_drops_the_load_is_refused(mapping, code):
+    mapping["option_codes"]["quick_stop"] = code
+    with pytest.raises(
+        ConfigurationError, match=f"option_codes.quick_stop = {code}: must be one of 1, 2, 3, 4"
+    ):
+        CanConfig.from_mapping(mapping, "can.yaml")

@@ -1,8 +1,8 @@
 import pytest
 
-from cspr_drivers.can_config import Timeouts
 from cspr_drivers.drive_group import DriveGroup, GroupState
 from cspr_drivers.errors import FrameError
+from cspr_drivers.timeouts import Timeouts
 
 # Status words typed from IEC 61800-7-201, with bit 14 for the open brake.
 NOT_READY, AT_REST, READY, SWITCHED_ON = 0x00, 0x40, 0x21, 0x23
@@ -15,6 +15,7 @@ TIMEOUTS = Timeouts(
     heartbeat_producer=0.1,
     heartbeat_consumer=0.3,
     sdo=0.2,
+    transition=0.3,
     enable=1.0,
     stop=0.5,
 )

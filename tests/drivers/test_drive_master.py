@@ -1,3 +1,4 @@
+import dataclasses
 import math
 import time
 
@@ -62,18 +63,140 @@ def test_drives_are_configured_and_started(rig, far_end, wait_until):
     assert drive.read(0x6072) == 2000  # 10 N m of 5 N m rated
     assert drive.read(0x605A) == 2
     assert drive.read(0x6007) == 3
+    assert [drive.read(0x605A + n) for n in range(5)] == [2, 1, 1, 1, 2]
+    assert drive.read(0x1029, 1) == 1
     assert drive.read(0x1016, 1) == 127 << 16 | 600
     assert drive.read(0x1017) == 30
     assert drive.read(0x1400, 1) == 0x203
     assert drive.read(0x1400, 2) == 255
     assert drive.read(0x1400, 5) == 200
     assert [drive.read(0x1600, n) for n in (0, 1, 2)] == [2, 0x6040_0010, 0x6071_0010]
-    assert drive.read(0x1800, 1) == 0x183
+    assert drive.read(0x1800, 1) == 0x4000_0183
     assert drive.read(0x1800, 2) == 1
     assert [drive.read(0x1A00, n) for n in (0, 1, 2, 3)] == [3, 0x6041_0010, 0x6064_0020, 0x6077_0010]
-    # A PDO is not valid while its mapping changes.
-    first_mapping = next(n for n, write in enumerate(drive.writes) if write[0] == 0x1600)
-    assert (0x1400, 1, (0x8000_0203).to_bytes(4, "little")) in drive.writes[:first_mapping]
+    assert all(
+        drive.read(base + n, 1) == 0x8000_0003 + first + 0x100 * n
+        for base, first in ((0x1400, 0x200), (0x1800, 0x180))
+        for n in (1, 2, 3)
+    )
+
+
+def test_a_pdo_is_written_in_the_order_of_the_standard_and_read_back(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    drive = far_end.drives[2]
+    # CiA 301, section 7.5.2.36: not valid, nothing mapped, objects, their number, transmission, valid.
+    assert [write for write in drive.writes if write[0] in (0x1400, 0x1600)] == [
+        (0x1400, 1, bytes.fromhex("03 02 00 80")),
+        (0x1600, 0, bytes.fromhex("00")),
+        (0x1600, 1, bytes.fromhex("10 00 40 60")),
+        (0x1600, 2, bytes.fromhex("10 00 71 60")),
+        (0x1600, 0, bytes.fromhex("02")),
+        (0x1400, 2, bytes.fromhex("FF")),
+        (0x1400, 5, bytes.fromhex("C8 00")),
+        (0x1400, 1, bytes.fromhex("03 02 00 00")),
+    ]
+    assert drive.reads.count((0x1600, 2)) >= 1
+
+
+def test_a_drive_that_is_set_up_already_is_only_read(rig, config, ports, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    rig.master.stop()
+    for drive in far_end.drives:
+        drive.writes.clear()
+        drive.reads.clear()
+    far_end.drives[5].objects[0x605E, 0] = b"\x01\x00"  # somebody has changed one of its options
+    again = Rig(config, ports)
+    again.master.start()
+    try:
+        wait_until(lambda: again.state is GroupState.DISABLED)
+        assert all(drive.reads for drive in far_end.drives)
+        assert [drive.writes for drive in far_end.drives] == [[]] * 5 + [[(0x605E, 0, b"\x02\x00")]] + [
+            []
+        ] * 2
+    finally:
+        again.master.stop()
+
+
+def test_a_lost_answer_is_asked_for_again(config, ports, far_end, wait_until):
+    far_end.drives[1].unanswered[0x6502, 0] = 1  # a read
+    far_end.drives[1].unanswered[0x6072, 0] = 1  # a read, and then what is written
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.state is GroupState.DISABLED)
+        assert rig.lines == []
+        assert far_end.drives[1].read(0x6072) == 2000
+    finally:
+        rig.master.stop()
+
+
+@pytest.mark.parametrize(
+    ("subindex", "found", "words"),
+    [
+        (1, 0x2B7, "1018h:01 (vendor id) is 695 (0x2B7), expected 0 (0x0)"),
+        (2, 0x403, "1018h:02 (product code) is 1027 (0x403), expected 1026 (0x402)"),
+        (3, 0x2_0000, "1018h:03 (revision number) is 131072 (0x20000), expected 65536 (0x10000)"),
+        (4, 77, "1018h:04 (serial number) is 77 (0x4D), expected 5 (0x5)"),
+    ],
+)
+def test_a_wrong_device_is_not_touched_until_another_one_is_in_its_place(
+    config, ports, far_end, wait_until, subindex, found, words
+):
+    drive = far_end.drives[4]
+    right = drive.objects[0x1018, subindex]
+    drive.objects[0x1018, subindex] = found.to_bytes(4, "little")
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert rig.lines == [f"motor_5 (node 5 on main): {words}"]
+        wait_until(lambda: rig.master.enable() == f"motor_5: {words}")
+        drive.reads.clear()
+        # Others are asked again meanwhile; this one is not.
+        far_end.send(0x706, [0])
+        wait_until(lambda: "motor_6 (node 6 on main)" not in rig.master.snapshot().not_configured)
+        assert drive.reads == drive.writes == []
+        assert not drive.operational
+        drive.objects[0x1018, subindex] = right
+        far_end.send(0x705, [0])
+        wait_until(lambda: rig.state is GroupState.DISABLED)
+    finally:
+        rig.master.stop()
+
+
+def test_the_minor_revision_is_of_no_consequence(config, ports, far_end, wait_until):
+    far_end.drives[0].objects[0x1018, 3] = (0x1_0007).to_bytes(4, "little")
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.state is GroupState.DISABLED)
+    finally:
+        rig.master.stop()
+
+
+def test_a_drive_that_is_not_commissioned_is_not_enabled(mapping, far_end, ports, config, wait_until):
+    drives = (dataclasses.replace(config.drives[0], identity=None), *config.drives[1:])
+    rig = Rig(dataclasses.replace(config, drives=drives), ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert "motor_1 (node 1 on main): is not commissioned: its identity is null" in rig.lines[0]
+        wait_until(lambda: "not commissioned" in (rig.master.enable() or ""))
+        assert far_end.drives[0].writes == []
+    finally:
+        rig.master.stop()
+
+
+def test_a_drive_under_torque_is_not_set_up(config, ports, far_end, wait_until):
+    far_end.drives[0].status = 0x5027
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert rig.lines[0].startswith("motor_1 (node 1 on main): is in operation_enabled and not set up")
+        assert far_end.drives[0].writes == []
+    finally:
+        rig.master.stop()
 
 
 def test_states_carry_angle_speed_and_torque_with_polarity(rig, far_end, wait_until):
@@ -204,9 +327,8 @@ def test_a_missing_heartbeat_is_a_fault_in_motion(enabled, far_end, wait_until):
 
 def test_a_restart_in_motion_is_a_fault_and_reconfigured_after_it(enabled, far_end, wait_until):
     drive = far_end.drives[3]
-    drive.operational = False
+    drive.restart()
     drive.status = 0x40
-    drive.writes.clear()
     far_end.send(0x704, [0])
     wait_until(lambda: enabled.state is GroupState.FAULT)
     assert enabled.cause == "motor_4: restarted"
@@ -244,15 +366,24 @@ def test_a_drive_that_does_not_answer_is_named_and_taken_in_later(config, ports,
         ),
         (
             lambda drive: drive.objects.update({(0x6076, 0): (3200).to_bytes(4, "little")}),
-            "motor_1 (node 1 on main): 6076h:00 (motor rated torque, mN m) is 3200 (0xC80), expected 5000",
+            "motor_1 (node 1 on main): 6076h:00 (motor rated torque, mN m) is 3200 (0xC80), expected 5000 (0x1388)",
         ),
         (
             lambda drive: drive.objects.update({(0x1000, 0): (0x0002_0191).to_bytes(4, "little")}),
-            "motor_1 (node 1 on main): 1000h:00 (device type) is 131473 (0x20191), expected 402",
+            "motor_1 (node 1 on main): 1000h:00 (device type) is 131473 (0x20191), expected 402 (0x192)",
+        ),
+        (
+            lambda drive: drive.objects.update({(0x6075, 0): bytes(4)}),
+            "motor_1 (node 1 on main): 6075h:00 (motor rated current, mA) is 0: its motor data are not set; "
+            "set them with the maker's program",
+        ),
+        (
+            lambda drive: drive.objects.update({(0x6502, 0): (0x008).to_bytes(4, "little")}),
+            "motor_1 (node 1 on main): 6502h:00 (supported drive modes) is 8 (0x8), expected 512 (0x200)",
         ),
         (
             lambda drive: drive.objects.update({(0x6061, 0): b"\x08"}),
-            "motor_1 (node 1 on main): 6061h:00 (modes of operation display) is 8 (0x8), expected 10",
+            "motor_1 (node 1 on main): 6061h:00 (modes of operation display) is 8 (0x8), expected 10 (0xA)",
         ),
     ],
 )

@@ -37,7 +37,7 @@ def test_amplifiers_are_configured_and_started(rig, far_end, wait_until):
     assert cell.read(0x6131, 1) == 0x00210000
     assert cell.read(0x6132, 1) == 1
     assert cell.read(0x1017) == 30
-    assert cell.read(0x1800, 1) == 0x18B
+    assert cell.read(0x1800, 1) == 0x4000_018B
     assert cell.read(0x1800, 2) == 1
     assert [cell.read(0x1A00, n) for n in (0, 1, 2)] == [2, 0x9130_0120, 0x6150_0108]
 
@@ -108,15 +108,14 @@ def test_a_failed_tare_names_the_cell(rig, far_end, wait_until):
 
 def test_a_cell_that_restarts_is_configured_again(rig, far_end, wait_until):
     cell = far_end.cells[6]
-    cell.operational = False
-    cell.writes.clear()
+    cell.restart()
     far_end.send(0x711, [0])
     wait_until(lambda: cell.operational)
     assert cell.writes
 
 
 def test_a_cell_without_heartbeat_is_reported_and_configured_again(rig, far_end, wait_until):
-    far_end.cells[3].writes.clear()
+    far_end.cells[3].restart()
     rig.master.watch(1e9)
     assert "cable_4 (node 14 on main): no heartbeat for" in rig.lines[3]
     wait_until(lambda: far_end.cells[3].writes)
@@ -135,3 +134,14 @@ def test_values_after_the_set_is_complete_are_ignored():
     assert cycle.measured(1, 4.0, "") is None
     cycle.sync(8)
     assert cycle.statistics().incomplete_cycles == 0
+
+
+def test_an_answer_lost_while_taring_is_not_asked_for_again(rig, far_end, wait_until):
+    far_end.cells[4].unanswered[0x6125, 1] = 1
+    rig.sync()
+    wait_until(lambda: rig.published)
+    rig.sync()
+    wait_until(lambda: rig.master.tare(1000.0) is None)
+    wait_until(lambda: rig.report().tare_result)
+    assert rig.report().tare_result == "taring ended: cable_5 (node 15 on main): does not answer"
+    assert [write for write in far_end.cells[4].writes if write[0] == 0x6125] == [(0x6125, 1, b"zero")]

@@ -109,6 +109,10 @@ class CanPort:
         """Let `handler` have the frames of a COB-ID."""
         self._handlers[cob_id] = handler
 
+    def unsubscribe(self, cob_id: int) -> None:
+        """Let nobody have the frames of a COB-ID any more."""
+        self._handlers.pop(cob_id, None)
+
     def send(self, message: can.Message) -> bool:
         """Put a frame on the bus; return whether that went well. Failures are counted, not raised."""
         try:
@@ -215,6 +219,12 @@ class CanPorts:
         """
         self._sync_handlers.append(handler)
         self._sync_locks.append(lock)
+
+    def off_sync(self, handler: SyncHandler) -> None:
+        """Call a handler no more."""
+        if handler in self._sync_handlers:
+            place = self._sync_handlers.index(handler)
+            del self._sync_handlers[place], self._sync_locks[place]
 
     def send_sync(self) -> None:
         """Put SYNC on every bus."""

@@ -9,6 +9,9 @@ from pathlib import Path
 from cspr_drivers import frame_table
 from cspr_drivers.config_section import ConfigSection, configuration_error
 from cspr_drivers.frame_table import MappedObject, PdoLayout
+from cspr_drivers.identity import Identity, read_identity
+from cspr_drivers.option_codes import OptionCodes, read_option_codes
+from cspr_drivers.timeouts import Timeouts, read_timeouts
 from cspr_drivers.units import DriveUnits, LoadCellUnits
 
 LARGEST_INT32 = 2**31 - 1
@@ -42,12 +45,15 @@ class DriveConfig:
         Name of its bus, and its CANopen node id there.
     units
         Scale and sign of its counts and torques.
+    identity
+        What its identity object must hold; `None` before the machine is commissioned.
     """
 
     name: str
     bus: str
     node_id: int
     units: DriveUnits
+    identity: Identity | None = None
 
     def __str__(self) -> str:
         return f"{self.name} (node {self.node_id} on {self.bus})"
@@ -61,6 +67,7 @@ class LoadCellConfig:
     bus: str
     node_id: int
     units: LoadCellUnits
+    identity: Identity | None = None
 
     def __str__(self) -> str:
         return f"{self.name} (node {self.node_id} on {self.bus})"
@@ -73,36 +80,6 @@ class PdoConfig:
     drive_rpdo: PdoLayout
     drive_tpdo: PdoLayout
     load_cell_tpdo: PdoLayout
-
-
-@dataclass(frozen=True)
-class Timeouts:
-    """Limits in time, s.
-
-    Attributes
-    ----------
-    command
-        Age of a torque command at which the driver stops the drives.
-    feedback
-        Silence of a drive at which the driver stops the others.
-    rpdo
-        Silence of the driver at which a drive stops by itself (event timer of its RPDO).
-    heartbeat_producer, heartbeat_consumer
-        Period of every node's heartbeat, and its absence that counts as loss of the node.
-    sdo
-        Longest wait for the answer to one SDO request.
-    enable, stop
-        Longest duration of releasing, and of closing, all brakes.
-    """
-
-    command: float
-    feedback: float
-    rpdo: float
-    heartbeat_producer: float
-    heartbeat_consumer: float
-    sdo: float
-    enable: float
-    stop: float
 
 
 @dataclass(frozen=True)
@@ -127,6 +104,8 @@ class CanConfig:
         In the order of the file; drives and load cells in the order of the robot's cables.
     pdo
         Frame layouts.
+    option_codes
+        What the drives do when they stop.
     timeouts
         Limits in time.
     """
@@ -141,6 +120,7 @@ class CanConfig:
     drives: tuple[DriveConfig, ...]
     load_cells: tuple[LoadCellConfig, ...]
     pdo: PdoConfig
+    option_codes: OptionCodes
     timeouts: Timeouts
 
     @staticmethod
@@ -179,7 +159,8 @@ class CanConfig:
                 _load_cell(s, place, names) for place, s in enumerate(top.sections("load_cells"))
             ),
             pdo=_pdo(top.section("pdo")),
-            timeouts=_timeouts(top.section("timeouts")),
+            option_codes=read_option_codes(top.section("option_codes")),
+            timeouts=read_timeouts(top.section("timeouts")),
         )
         if config.bus_load_limit > 1.0:
             raise top.error("bus_load_limit", "must be at most 1")
@@ -228,6 +209,7 @@ def _node(section: ConfigSection, buses: tuple[str, ...]) -> tuple[str, int]:
 
 def _drive(section: ConfigSection, place: int, buses: tuple[str, ...]) -> DriveConfig:
     bus, node_id = _node(section, buses)
+    identity = read_identity(section)
     units = DriveUnits(
         polarity=int(section.choice("polarity", [1, -1])),
         encoder_increments=section.integer("encoder_increments", 1, LARGEST_INT32),
@@ -239,11 +221,12 @@ def _drive(section: ConfigSection, place: int, buses: tuple[str, ...]) -> DriveC
     if not 1 <= units.max_torque <= 32767:
         raise section.error("torque_limit", "must be from 0.001 to 32.767 times rated_torque")
     section.finish()
-    return DriveConfig(f"motor_{place + 1}", bus, node_id, units)
+    return DriveConfig(f"motor_{place + 1}", bus, node_id, units, identity)
 
 
 def _load_cell(section: ConfigSection, place: int, buses: tuple[str, ...]) -> LoadCellConfig:
     bus, node_id = _node(section, buses)
+    identity = read_identity(section)
     units = LoadCellUnits(
         decimal_digits=section.integer("decimal_digits", 0, 6),
         scale=section.number("scale"),
@@ -252,7 +235,7 @@ def _load_cell(section: ConfigSection, place: int, buses: tuple[str, ...]) -> Lo
     if units.scale == 0.0:
         raise section.error("scale", "must not be zero")
     section.finish()
-    return LoadCellConfig(f"cable_{place + 1}", bus, node_id, units)
+    return LoadCellConfig(f"cable_{place + 1}", bus, node_id, units, identity)
 
 
 def _pdo(section: ConfigSection) -> PdoConfig:
@@ -272,27 +255,6 @@ def _layout(section: ConfigSection, name: str, standard: PdoLayout) -> PdoLayout
     if sorted(names) != sorted(known):
         raise section.error(name, "must hold, in any order, " + ", ".join(known))
     return PdoLayout(tuple(known[entry] for entry in names))
-
-
-def _timeouts(section: ConfigSection) -> Timeouts:
-    # CANopen counts these times in milliseconds in 16 bits.
-    timeouts = Timeouts(
-        command=section.number("command", minimum=0.001),
-        feedback=section.number("feedback", minimum=0.001),
-        rpdo=section.number("rpdo", minimum=0.001),
-        heartbeat_producer=section.number("heartbeat_producer", minimum=0.001),
-        heartbeat_consumer=section.number("heartbeat_consumer", minimum=0.001),
-        sdo=section.number("sdo", minimum=0.001),
-        enable=section.number("enable", minimum=0.001),
-        stop=section.number("stop", minimum=0.001),
-    )
-    for name in ("rpdo", "heartbeat_producer", "heartbeat_consumer"):
-        if getattr(timeouts, name) > 65.535:
-            raise section.error(name, "must be at most 65.535")
-    if timeouts.heartbeat_consumer <= timeouts.heartbeat_producer:
-        raise section.error("heartbeat_consumer", "must be greater than heartbeat_producer")
-    section.finish()
-    return timeouts
 
 
 def _require_distinct_nodes(config: CanConfig) -> None:

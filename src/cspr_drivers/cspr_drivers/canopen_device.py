@@ -11,11 +11,20 @@ import can
 import canopen
 
 from cspr_drivers.can_bus import CanPort
-from cspr_drivers.device_parameters import Parameter
-from cspr_drivers.errors import DeviceError
+from cspr_drivers.errors import DeviceError, WrongDeviceError
+from cspr_drivers.object_entry import Parameter, Setting
 
 BOOT_UP = 0  # NMT state in the heartbeat of a device that has just started (CiA 301, section 7.2.8.3.3)
+OPERATIONAL = 5  # and of one that takes part in the exchange of PDOs (section 7.2.8.3.2)
 
+_NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
+
+_ATTEMPTS = (
+    2  # at a request that does no harm when the device has carried it out and only the answer was lost
+)
+
+# Abort codes with which a device says that it does not have an object (CiA 301, section 7.2.4.3.17).
+_ABSENT = (0x0602_0000, 0x0609_0011)
 
 _T = TypeVar("_T")
 
@@ -41,7 +50,8 @@ class CanopenDevice:
     sdo_timeout
         Longest wait for an SDO answer, s.
     on_boot, on_emergency
-        Called in the receiving thread when it restarts, and with the error code of each emergency message.
+        Called in the receiving thread when it restarts, and with error code, error register and the
+        manufacturer's five bytes of each emergency message.
     """
 
     def __init__(
@@ -51,18 +61,47 @@ class CanopenDevice:
         node_id: int,
         sdo_timeout: float,
         on_boot: Callable[[], None],
-        on_emergency: Callable[[int], None] | None = None,
+        on_emergency: Callable[[int, int, bytes], None] | None = None,
     ) -> None:
         self.name = name
         self._heartbeat = time.monotonic()
+        self._started: float | None = None
+        self._nmt_state: int | None = None
         self._on_boot = on_boot
         # Objects are addressed by index, so the master needs no object dictionary of the device.
         self._node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())
-        port.network.add_node(self._node)
+        self._network = port.network
+        self._network.add_node(self._node)
         self._node.sdo.RESPONSE_TIMEOUT = sdo_timeout
         self._node.nmt.add_heartbeat_callback(self._heard)
         self._on_emergency = on_emergency
         self._node.emcy.add_callback(self._emergency)
+
+    def release(self) -> None:
+        """Listen to the device no more."""
+        if self._network.nodes.get(self._node.id) is self._node:
+            del self._network[self._node.id]
+
+    # Objects
+
+    def read(self, parameter: Parameter) -> int:
+        """Return the number in an object; the parameter's value does not matter.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, or refuses.
+        """
+        return parameter.decode(self._transfer(parameter, self._upload, "read", _ATTEMPTS))
+
+    def read_if_present(self, parameter: Parameter) -> int | None:
+        """Return the number in an object, `None` if the device has no such object; else as `read`."""
+        try:
+            return self.read(parameter)
+        except DeviceError as error:
+            if isinstance(error.__cause__, canopen.SdoAbortedError) and error.__cause__.code in _ABSENT:
+                return None
+            raise
 
     def check(self, expected: Iterable[Parameter]) -> None:
         """Read objects and compare them.
@@ -73,28 +112,54 @@ class CanopenDevice:
             If the device does not answer, lacks an object, or one has another value than expected.
         """
         for parameter in expected:
-            data = self._transfer(parameter, lambda p: self._node.sdo.upload(p.index, p.subindex), "read")
-            if not parameter.agrees(data):
-                found = int.from_bytes(data, "little", signed=parameter.signed)
-                raise DeviceError(
-                    self.name,
-                    f"{parameter} is {found} (0x{found & 0xFFFFFFFF:X}), expected {parameter.value}",
-                )
+            self._compare(parameter, DeviceError)
 
-    def write(self, parameters: Iterable[Parameter]) -> None:
-        """Write objects in order.
+    def identify(self, expected: Iterable[Parameter]) -> None:
+        """Check objects that tell one device from another.
+
+        Raises
+        ------
+        WrongDeviceError
+            If one has another value than expected; the message has both.
+        DeviceError
+            If the device does not answer, or refuses.
+        """
+        for parameter in expected:
+            self._compare(parameter, WrongDeviceError)
+
+    def differing(self, settings: Iterable[Setting]) -> list[Setting]:
+        """Return those settings of which not every object has its value already.
 
         Raises
         ------
         DeviceError
-            If the device does not answer or refuses one.
+            If the device does not answer, or refuses.
         """
-        for parameter in parameters:
-            self._transfer(
-                parameter,
-                lambda p: self._node.sdo.download(p.index, p.subindex, p.data),
-                f"= {parameter.value}",
-            )
+        return [setting for setting in settings if not all(map(self._agrees, setting.result))]
+
+    def write(self, parameter: Parameter) -> None:
+        """Write an object.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, or refuses.
+        """
+        attempts = _ATTEMPTS if parameter.repeatable else 1
+        self._transfer(parameter, self._download, f"= {parameter.value}", attempts)
+
+    def set(self, settings: Iterable[Setting]) -> None:
+        """Write settings in order, and read each back.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, refuses, or does not keep what was written.
+        """
+        for setting in settings:
+            for parameter in setting.writes:
+                self.write(parameter)
+            self.check(setting.result)
 
     def wait_for(self, expected: Parameter) -> None:
         """Read an object until it has a value, for as long as an SDO answer may take.
@@ -115,18 +180,23 @@ class CanopenDevice:
             else:
                 return
 
+    # Network management
+
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command; it is not confirmed.
+        """Send an NMT command; it is not confirmed, but the heartbeat shows its effect.
 
         Raises
         ------
         DeviceError
             If the bus does not take the frame.
         """
+        self._started = None
         try:
             self._node.nmt.state = command.value
         except can.CanError as error:
             raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
+        if command is NmtCommand.START:
+            self._started = time.monotonic()
 
     def heartbeat_age(self, now: float) -> float:
         """Return the time since the last heartbeat, s."""
@@ -136,28 +206,78 @@ class CanopenDevice:
         """Count the heartbeat's age from `now`: the device has just been told to send it."""
         self._heartbeat = now
 
+    def not_operational(self, grace: float) -> str:
+        """Return the NMT state of a device that was started and is not operational; empty when all is well.
+
+        Parameters
+        ----------
+        grace
+            Time after the start, s, for which heartbeats may still be older than it.
+        """
+        started, state = self._started, self._nmt_state
+        if started is None or state is None or state == OPERATIONAL or self._heartbeat < started + grace:
+            return ""
+        return nmt_state_text(state)
+
+    @property
+    def nmt_state(self) -> str:
+        """NMT state of the last heartbeat, in words."""
+        return "unknown" if self._nmt_state is None else nmt_state_text(self._nmt_state)
+
     def _heard(self, state: int) -> None:
         self._heartbeat = time.monotonic()
+        self._nmt_state = state
         if state == BOOT_UP:
+            self._started = None
             self._on_boot()
 
     def _emergency(self, emergency: canopen.emcy.EmcyError) -> None:
         self._node.emcy.reset()  # canopen keeps all of them, for ever
         if self._on_emergency is not None:
-            self._on_emergency(emergency.code)
+            self._on_emergency(emergency.code, emergency.register, emergency.data)
 
-    def _transfer(self, parameter: Parameter, transfer: Callable[[Parameter], _T], what: str) -> _T:
-        try:
-            return transfer(parameter)
-        except canopen.SdoAbortedError as error:
-            raise DeviceError(self.name, f"refuses {parameter} {what}: {abort_text(error.code)}") from None
-        except canopen.SdoCommunicationError:
-            raise DeviceError(self.name, "does not answer") from None
-        except can.CanError as error:
-            raise DeviceError(self.name, f"cannot be reached: {error}") from None
+    # Transfers
+
+    def _upload(self, parameter: Parameter) -> bytes:
+        return bytes(self._node.sdo.upload(parameter.index, parameter.subindex))
+
+    def _download(self, parameter: Parameter) -> None:
+        self._node.sdo.download(parameter.index, parameter.subindex, parameter.data)
+
+    def _agrees(self, parameter: Parameter) -> bool:
+        return parameter.agrees(self.read(parameter))
+
+    def _compare(self, parameter: Parameter, error: type[DeviceError]) -> None:
+        found = self.read(parameter)
+        if not parameter.agrees(found):
+            raise error(
+                self.name,
+                f"{parameter} is {parameter.shown(found)}, expected {parameter.shown(parameter.value)}",
+            )
+
+    def _transfer(
+        self, parameter: Parameter, transfer: Callable[[Parameter], _T], what: str, attempts: int
+    ) -> _T:
+        for attempt in range(1, attempts + 1):
+            try:
+                return transfer(parameter)
+            except canopen.SdoAbortedError as error:
+                problem = f"refuses {parameter} {what}: {abort_text(error.code)}"
+                raise DeviceError(self.name, problem) from error
+            except canopen.SdoCommunicationError:
+                if attempt == attempts:
+                    raise DeviceError(self.name, "does not answer") from None
+            except can.CanError as error:
+                raise DeviceError(self.name, f"cannot be reached: {error}") from None
+        raise AssertionError("a transfer returns or raises")
 
 
 def abort_text(code: int) -> str:
     """Return an SDO abort code in words."""
     words = canopen.SdoAbortedError.CODES.get(code, "abort code of the manufacturer")
     return f"{words} (abort code 0x{code:08X})"
+
+
+def nmt_state_text(state: int) -> str:
+    """Return the NMT state of a heartbeat in words."""
+    return _NMT_STATES.get(state, f"state {state}")

@@ -1,11 +1,14 @@
-"""Configuring devices in the background, again and again until each one answers."""
+"""Configuring devices in the background, again and again until each one answers.
+
+A wrong device is not asked again until one restarts at its place.
+"""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
 
-from cspr_drivers.errors import DeviceError
+from cspr_drivers.errors import DeviceError, WrongDeviceError
 
 RETRY_INTERVAL = 1.0  # s
 
@@ -39,6 +42,7 @@ class Commissioning:
         self._lock = threading.Lock()
         self._problems: dict[int, str] = dict.fromkeys(range(len(self._names)), "not configured yet")
         self._requests = [0] * len(self._names)
+        self._wrong: set[int] = set()
         self._reported: dict[int, str] = {}
         self._wake = threading.Event()
         self._stopping = threading.Event()
@@ -60,6 +64,7 @@ class Commissioning:
         with self._lock:
             self._problems[index] = reason
             self._requests[index] += 1
+            self._wrong.discard(index)
         self._wake.set()
 
     @property
@@ -72,7 +77,7 @@ class Commissioning:
         while not self._stopping.is_set():
             self._wake.clear()
             with self._lock:
-                waiting = sorted(self._problems)
+                waiting = sorted(self._problems.keys() - self._wrong)
             for index in waiting:
                 if self._stopping.is_set():
                     return
@@ -88,6 +93,8 @@ class Commissioning:
         except DeviceError as error:
             with self._lock:
                 self._problems[index] = error.problem
+                if isinstance(error, WrongDeviceError) and self._requests[index] == request:
+                    self._wrong.add(index)
             if self._reported.get(index) != error.problem:
                 self._reported[index] = error.problem
                 self._report(str(error))

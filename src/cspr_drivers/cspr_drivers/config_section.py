@@ -113,6 +113,11 @@ class ConfigSection:
         """Return the mapping below a key."""
         return ConfigSection(self.source, self.key(name), self._take(name))
 
+    def section_or_none(self, name: str) -> ConfigSection | None:
+        """Return the mapping below a key, `None` when the key holds null."""
+        value = self._take(name)
+        return None if value is None else ConfigSection(self.source, self.key(name), value)
+
     def array(self, name: str, *shape: int) -> NDArray[np.float64]:
         """Return finite numbers as a read-only array of the given shape."""
         value = self._take(name)

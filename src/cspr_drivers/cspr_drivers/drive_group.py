@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 
-from cspr_drivers.can_config import Timeouts
 from cspr_drivers.cia402 import Command, State, Target, decode_state, next_control_word
 from cspr_drivers.drive_status import DriveStatus
+from cspr_drivers.timeouts import Timeouts
 
 
 class GroupState(Enum):

@@ -18,7 +18,7 @@ from cspr_drivers.command_check import CommandCheck, CommandFault
 from cspr_drivers.commissioning import Commissioning
 from cspr_drivers.cycle import Cycle
 from cspr_drivers.cycle_clock import CycleClock
-from cspr_drivers.device_parameters import drive_identity, drive_mode, drive_parameters
+from cspr_drivers.device_setup import set_up_drive
 from cspr_drivers.drive_group import IN_MOTION, DriveGroup, GroupState
 from cspr_drivers.drive_report import DriveReport, MotorStates
 from cspr_drivers.drive_status import DriveStatus
@@ -92,6 +92,7 @@ class DriveMaster:
         )
         self._heartbeat_due = 0.0
         self._other_driver = threading.Event()
+        self._stopped = False
         self._clock = CycleClock(config.period, self._tick)
         self._commissioning = Commissioning(
             [str(drive) for drive in config.drives], self._configure, self._may_configure, report
@@ -134,6 +135,9 @@ class DriveMaster:
 
     def stop(self) -> None:
         """Close the brakes, wait until they hold (no longer than a limit), and leave the bus."""
+        if self._stopped:
+            return
+        self._stopped = True
         self.disable()
         deadline = time.monotonic() + 2.0 * self._config.timeouts.stop
         while self._clock.running and time.monotonic() < deadline and not self._at_rest():
@@ -145,6 +149,12 @@ class DriveMaster:
             except DeviceError:
                 break  # the bus takes no frames; the drives notice the missing heartbeat
         self._clock.stop()
+        self._ports.off_sync(self._begin_cycle)
+        for port in self._ports:
+            port.unsubscribe(self._heartbeat.arbitration_id)
+        for device, drive in zip(self._devices, self._config.drives, strict=True):
+            device.release()
+            self._ports[drive.bus].unsubscribe(cob_id(FunctionCode.TPDO1, drive.node_id))
 
     # Torque commands.
 
@@ -314,25 +324,13 @@ class DriveMaster:
     def _configure(self, index: int) -> None:
         """Take a drive in; run by the commissioning thread."""
         try:
-            self._set_up(index)
+            set_up_drive(self._devices[index], self._config, self._config.drives[index])
         except DeviceError as error:
             with self._lock:
                 self._group.lost(index, error.problem, time.monotonic())
             raise
         with self._lock:
             self._group.configured(index)
-
-    def _set_up(self, index: int) -> None:
-        """Bring a drive from wherever it is to NMT operational."""
-        device = self._devices[index]
-        drive = self._config.drives[index]
-        device.check(drive_identity(drive)[:1])
-        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
-        device.check(drive_identity(drive)[1:])
-        device.write(drive_parameters(self._config, drive))
-        device.wait_for(drive_mode())
-        device.expect_heartbeat(time.monotonic())
-        device.command(NmtCommand.START)
 
     def _may_configure(self) -> bool:
         with self._lock:
@@ -354,7 +352,7 @@ class DriveMaster:
         self._frames[index].control_word = None
         self._commissioning.request(index, reason)
 
-    def _emergency(self, index: int, error_code: int) -> None:
+    def _emergency(self, index: int, error_code: int, register: int, data: bytes) -> None:
         with self._lock:
             # Codes 00xxh say that the error is gone (CiA 301, section 7.2.7.1).
             self._group.emergency(index, error_code if error_code & 0xFF00 else 0)

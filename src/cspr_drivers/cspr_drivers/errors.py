@@ -37,3 +37,7 @@ class DeviceError(DriverError):
         self.device = device
         self.problem = problem
         super().__init__(f"{device}: {problem}")
+
+
+class WrongDeviceError(DeviceError):
+    """Another device than the configured one has this node id: exchange it, or correct the configuration."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +12,8 @@ from cspr_drivers.can_config import CanConfig
 from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
 from cspr_drivers.cia404 import status_text
 from cspr_drivers.commissioning import Commissioning
-from cspr_drivers.device_parameters import load_cell_identity, load_cell_parameters, load_cell_tare
+from cspr_drivers.device_parameters import load_cell_tare
+from cspr_drivers.device_setup import set_up_load_cell
 from cspr_drivers.errors import DeviceError
 from cspr_drivers.frame_table import INPUT_STATUS, PROCESS_VALUE, FunctionCode, cob_id
 from cspr_drivers.tension_cycle import TensionCycle, TensionStatistics
@@ -74,6 +74,7 @@ class LoadCellMaster:
         self._cycle = TensionCycle([cell.name for cell in config.load_cells])
         self._sync_time: float | None = None
         self._tare_result = ""
+        self._stopped = False
         self._taring: threading.Thread | None = None
         self._value_place = config.pdo.load_cell_tpdo.position(PROCESS_VALUE)
         self._status_place = config.pdo.load_cell_tpdo.position(INPUT_STATUS)
@@ -102,6 +103,9 @@ class LoadCellMaster:
 
     def stop(self) -> None:
         """Leave the bus."""
+        if self._stopped:
+            return
+        self._stopped = True
         self._commissioning.stop()
         if self._taring is not None:
             self._taring.join(timeout=2.0)
@@ -110,6 +114,10 @@ class LoadCellMaster:
                 device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
             except DeviceError:
                 break  # the bus takes no frames
+        self._ports.off_sync(self._begin_cycle)
+        for device, cell in zip(self._devices, self._config.load_cells, strict=True):
+            device.release()
+            self._ports[cell.bus].unsubscribe(cob_id(FunctionCode.TPDO1, cell.node_id))
 
     def tare(self, limit: float) -> str | None:
         """Begin to make the present tensions zero; return why not when that is refused.
@@ -166,18 +174,13 @@ class LoadCellMaster:
 
     def _configure(self, index: int) -> None:
         """Bring an amplifier from wherever it is to NMT operational; run by the commissioning thread."""
-        device = self._devices[index]
-        device.check(load_cell_identity())
-        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
-        device.write(load_cell_parameters(self._config, self._config.load_cells[index]))
-        device.expect_heartbeat(time.monotonic())
-        device.command(NmtCommand.START)
+        set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
 
     def _tare(self) -> None:
         result = "all load cells tared"
         for device in self._devices:
             try:
-                device.write((load_cell_tare(),))
+                device.write(load_cell_tare())
             except DeviceError as error:
                 result = f"taring ended: {error}"
                 break

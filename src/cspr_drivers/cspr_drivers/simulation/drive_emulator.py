@@ -99,7 +99,7 @@ class DriveEmulator(EmulatedNode):
         drive: DriveProperties,
         brake_open_bit: int,
     ) -> None:
-        nameplate = {
+        nameplate = (config.identity.objects if config.identity else {}) | {
             (0x6076, 0): round(config.units.rated_torque * 1e3),
             (0x608F, 1): config.units.encoder_increments,
             (0x608F, 2): 1,

@@ -53,7 +53,7 @@ class LoadCellEmulator(EmulatedNode):
         errors: LoadCellProperties,
         seed: int,
     ) -> None:
-        super().__init__(config.node_id, eds, machine, nameplate={})
+        super().__init__(config.node_id, eds, machine, config.identity.objects if config.identity else {})
         self.name = config.name
         self._index = index
         self._units = config.units

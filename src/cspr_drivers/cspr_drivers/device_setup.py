@@ -1,0 +1,140 @@
+"""Taking a device in: who it is, what it is set to, and what of that has to be written."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from cspr_drivers import cia402
+from cspr_drivers.can_config import CanConfig, DriveConfig, LoadCellConfig
+from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
+from cspr_drivers.device_parameters import (
+    drive_mode,
+    drive_scale,
+    drive_settings,
+    drive_type,
+    identity_object,
+    load_cell_settings,
+    load_cell_type,
+    unused_drive_pdos,
+    unused_load_cell_pdos,
+)
+from cspr_drivers.errors import DeviceError, WrongDeviceError
+from cspr_drivers.frame_table import STATUS_WORD
+from cspr_drivers.identity import Identity
+from cspr_drivers.object_entry import Parameter, Setting
+from cspr_drivers.pdo_parameters import out_of_use
+
+_POWERED = (
+    cia402.State.OPERATION_ENABLED,
+    cia402.State.QUICK_STOP_ACTIVE,
+    cia402.State.FAULT_REACTION_ACTIVE,
+)
+
+
+@dataclass(frozen=True)
+class DriveFacts:
+    """What a drive says about itself when it is taken in.
+
+    Attributes
+    ----------
+    rated_current
+        Of its motor, A (6075h); `None` when it does not say.
+    written
+        Settings that had to be written, 0 when it was configured already.
+    """
+
+    rated_current: float | None
+    written: int
+
+
+def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -> DriveFacts:
+    """Bring a drive from wherever it is to NMT operational, or find out why that must not be.
+
+    A drive that is set up already is only read. One that is not is written to in NMT pre-operational, never while
+    its motor is under torque.
+
+    Raises
+    ------
+    WrongDeviceError
+        If it is another device than the configured one.
+    DeviceError
+        If it does not answer, refuses something, or has another scale than configured.
+    """
+    device.identify((drive_type(),))
+    _identify(device, drive.identity)
+    device.check(drive_scale(drive))
+    facts = _drive_facts(device)
+    wrong = _differing(device, drive_settings(config, drive), unused_drive_pdos())
+    if wrong:
+        _require_no_torque(device)
+        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        device.set(wrong)
+    device.wait_for(drive_mode())
+    _start(device)
+    return DriveFacts(facts, len(wrong))
+
+
+def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> int:
+    """Do the same for an amplifier; return how many settings had to be written.
+
+    Raises
+    ------
+    WrongDeviceError, DeviceError
+        As `set_up_drive`.
+    """
+    device.identify((load_cell_type(),))
+    _identify(device, cell.identity)
+    wrong = _differing(device, load_cell_settings(config, cell), unused_load_cell_pdos())
+    if wrong:
+        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        device.set(wrong)
+    _start(device)
+    return len(wrong)
+
+
+def _identify(device: CanopenDevice, identity: Identity | None) -> None:
+    if identity is None:
+        raise WrongDeviceError(
+            device.name,
+            "is not commissioned: its identity is null in the configuration; "
+            "`ros2 run cspr_drivers commission` finds it",
+        )
+    device.identify(identity_object(identity))
+
+
+def _drive_facts(device: CanopenDevice) -> float | None:
+    """Return the rated current, A; a drive without motor data knows no torque either."""
+    entry = Parameter(0x6075, 0, 32, 0, "motor rated current, mA")
+    current = device.read_if_present(entry)
+    if current == 0:
+        raise DeviceError(
+            device.name, f"{entry} is 0: its motor data are not set; set them with the maker's program"
+        )
+    return None if current is None else 1e-3 * current
+
+
+def _differing(
+    device: CanopenDevice, settings: Iterable[Setting], unused: Iterable[Parameter]
+) -> list[Setting]:
+    wrong = device.differing(settings)
+    for entry in unused:
+        found = device.read_if_present(entry)
+        if found is not None and not entry.agrees(found):
+            wrong.append(out_of_use(entry, found))
+    return wrong
+
+
+def _require_no_torque(device: CanopenDevice) -> None:
+    word = device.read(Parameter(STATUS_WORD.index, 0, 16, 0, "statusword"))
+    state = cia402.decode_state(word)
+    if state in _POWERED:
+        raise DeviceError(
+            device.name, f"is in {state.value} and not set up: it is set up when it has come to rest"
+        )
+
+
+def _start(device: CanopenDevice) -> None:
+    device.expect_heartbeat(time.monotonic())
+    device.command(NmtCommand.START)
