@@ -33,7 +33,7 @@ from cspr_drivers.simulation.plant import Plant
 from cspr_drivers.simulation.shared_plant import SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 
-TICK = 0.001  # s between two looks of a device at its time-outs and its brake
+TICK = 0.002  # s between two looks of a device at its time-outs and its brake
 _DRIVER = "driver"
 _BEGIN = 1000.0  # s, monotonic time at which the simulation begins
 _SYSTEM = 1.7e9  # s, system time less monotonic time
@@ -130,8 +130,8 @@ class SteppedRobot:
         The emulated drives.
     faults
         Puts faults into devices and buses.
-    on_states, on_tensions
-        Called as the drivers publish.
+    on_states, on_tensions, on_tick
+        Called as the drivers publish, and every `TICK`.
     driver_runs
         Whether the driver does anything: a process that was stopped neither sends nor answers.
     """
@@ -189,6 +189,7 @@ class SteppedRobot:
         self.log: list[str] = []
         self.on_states: Callable[[MotorStates], None] = lambda states: None
         self.on_tensions: Callable[[int, tuple[float, ...]], None] = lambda stamp, tensions: None
+        self.on_tick: Callable[[], None] = lambda: None
         with self._stepped():
             for node in (*self.devices, *self.amplifiers):
                 node.power_on()
@@ -216,8 +217,10 @@ class SteppedRobot:
         with self._stepped():
             self.load_cells.start()
             self.drives.start()
-        self._until(lambda: self.drives.states()[0].value == "disabled", "the drives are not ready")
-        self._until(lambda: not self.load_cells.snapshot(self.now).not_configured, "the cells are not ready")
+        self.wait_until(lambda: self.drives.states()[0].value == "disabled", "the drives are not ready")
+        self.wait_until(
+            lambda: not self.load_cells.snapshot(self.now).not_configured, "the cells are not ready"
+        )
 
     def close(self) -> None:
         """Let the threads of both masters end."""
@@ -252,8 +255,12 @@ class SteppedRobot:
 
     def _next_due(self) -> float:
         with self._lock:
-            ends = [bus.next_end() for bus in self._buses.values()]
-            return min([self._events[0][0], *(end for end in ends if end is not None)])
+            due = self._events[0][0]
+            for bus in self._buses.values():
+                end = bus.next_end()
+                if end is not None and end < due:
+                    due = end
+            return due
 
     def wait(self, duration: float) -> None:
         """Let simulated time pass, s."""
@@ -264,7 +271,8 @@ class SteppedRobot:
         with self._stepped():
             return function(*arguments)
 
-    def _until(self, condition: Callable[[], bool], problem: str) -> None:
+    def wait_until(self, condition: Callable[[], bool], problem: str) -> None:
+        """Let simulated time pass until something is so; threads of the driver get real time for it."""
         deadline = time.monotonic() + _PATIENCE
         while not condition():
             if time.monotonic() > deadline:
@@ -326,3 +334,4 @@ class SteppedRobot:
         moment = self.machine.now()
         for node in (*self.devices, *self.amplifiers):
             node.tick(moment)
+        self.on_tick()

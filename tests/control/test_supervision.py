@@ -332,6 +332,15 @@ def test_a_platform_that_leaves_its_workspace_comes_to_rest(rig, axis, inside, o
     rig.assert_controlled_stop(rig.step(), FaultKind.WORKSPACE, f"{'xyz'[axis]} = ")
 
 
+def test_a_platform_outside_its_workspace_may_come_back_but_not_go_further(rig):
+    rig.position[1] = 0.8
+    rig.enabled()
+    rig.position[1] = 0.84
+    assert rig.step(0.5) == []
+    rig.position[1] = 0.86
+    rig.assert_controlled_stop(rig.step(), FaultKind.WORKSPACE, "y = 0.86")
+
+
 @pytest.mark.parametrize("error", [210.0, -210.0])
 def test_a_load_cell_that_its_motor_contradicts(rig, error):
     rig.enabled()

@@ -95,7 +95,7 @@ class SupervisionLimits:
     workspace_min, workspace_max
         Corners (3,) of the box that the platform must not leave, m in base.
     workspace_margin
-        How far out of it still counts as in it, m.
+        How far out of it still counts as in it, m; and how much further out a robot may go that was enabled outside.
     pay_out
         Cable paid out by an angle of the motor, m/rad; relates torque and tension.
     tension_difference, tension_difference_time
@@ -115,13 +115,13 @@ class SupervisionLimits:
     tension_max: float = 3000.0
     tension_max_time: float = 0.1
     motor_speed: float = 450.0
-    motor_speed_time: float = 0.05
+    motor_speed_time: float = 0.02
     workspace_min: tuple[float, float, float] = (-math.inf, -math.inf, -math.inf)
     workspace_max: tuple[float, float, float] = (math.inf, math.inf, math.inf)
     workspace_margin: float = 0.05
     pay_out: float = 0.05 / 30.0
     tension_difference: float = 250.0
-    tension_difference_time: float = 0.5
+    tension_difference_time: float = 1.0
     stuck_time: float = 1.0
     enable_timeout: float = 5.0
     stop_timeout: float = 3.0
@@ -161,6 +161,7 @@ class SupervisionChecks:
         self._speeds = np.zeros(count)
         self._torques = np.zeros(count)
         self._position = np.full(3, np.nan)
+        self._outside_when_enabled = np.zeros(3)
         self._desired = np.zeros(count)
         self._desired_speed = np.zeros(count)
         self._desired_stamp = 0
@@ -173,7 +174,11 @@ class SupervisionChecks:
         self._implausible = LastingViolation(count, limits.tension_difference_time)
 
     def clear(self) -> None:
-        """Forget violations under way: the robot is about to be enabled."""
+        """Forget violations under way: the robot is about to be enabled.
+
+        A platform that is outside of its workspace now may move, as long as it goes no further out.
+        """
+        self._outside_when_enabled = np.nan_to_num(self._way_outside())
         for watch in (self._following, self._low, self._high, self._fast, self._implausible):
             watch.clear()
 
@@ -302,18 +307,21 @@ class SupervisionChecks:
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
         return []
 
+    def _way_outside(self) -> NDArray[np.float64]:
+        """Return how far the platform is out of its workspace along each axis (3,), m; nan before the first pose."""
+        low, high = self._limits.workspace_min, self._limits.workspace_max
+        return np.maximum(0.0, np.maximum(np.array(low) - self._position, self._position - np.array(high)))
+
     def _outside(self) -> str | None:
         """Return in words where the platform has left its workspace; None when it has not."""
         limits = self._limits
-        for axis, value, low, high in zip(
-            "xyz", self._position, limits.workspace_min, limits.workspace_max, strict=True
-        ):
-            if not math.isnan(value) and not (
-                low - limits.workspace_margin <= value <= high + limits.workspace_margin
-            ):
-                return (
-                    f"the platform is at {axis} = {value:.3f} m, the workspace is from {low:g} to {high:g} m"
-                )
+        allowed = self._outside_when_enabled + limits.workspace_margin
+        for axis in np.flatnonzero(self._way_outside() > allowed):
+            low, high = limits.workspace_min[axis], limits.workspace_max[axis]
+            return (
+                f"the platform is at {'xyz'[axis]} = {self._position[axis]:.3f} m, the workspace is from "
+                f"{low:g} to {high:g} m"
+            )
         return None
 
     def obstacle(self, time: float) -> str | None:

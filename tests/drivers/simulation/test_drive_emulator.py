@@ -544,7 +544,7 @@ def test_runaway_pays_out_whatever_it_is_told(drive_desk, polarity):
     desk = drive_desk(polarity)
     desk.configure()
     desk.enable(torque=-220)
-    desk.drive.runs_away = True
+    desk.drive.runs_away = 1
     desk.drive.apply_faults()
     assert desk.plant.torque[0] == pytest.approx(10.0)
     desk.command(0x02)

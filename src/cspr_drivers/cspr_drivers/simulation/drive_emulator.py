@@ -85,8 +85,8 @@ class DriveEmulator(EmulatedNode):
         Whether the drive warns of something (bit 7 of the status word).
     mode_is_lost, runs_away, blocked
         Injected faults, to be followed by `apply_faults`: the drive has left its mode of operation by itself and
-        keeps the torque that it had; in operation it applies all its torque, to pay out, whatever it is told; the
-        brake holds although the drive says that it is open.
+        keeps the torque that it had; in operation it applies this share of its torque, positive to pay out, whatever
+        it is told; the brake holds although the drive says that it is open.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class DriveEmulator(EmulatedNode):
         self.emergency_stop = False
         self.warning = False
         self.mode_is_lost = False
-        self.runs_away = False
+        self.runs_away = 0.0
         self.blocked = False
         self._error_code = 0
         self._mode = _NO_MODE
@@ -281,7 +281,7 @@ class DriveEmulator(EmulatedNode):
         self._demand_time = time
         torque = self._units.torque(round(self._demand))
         if self.runs_away and automaton.follows_target:
-            torque = self._max_torque * self._units.rated_torque / 1000.0
+            torque = self.runs_away * self._max_torque * self._units.rated_torque / 1000.0
         damping = self._damping * automaton.damping
         closed = self.blocked or not automaton.brake_open
         outputs = (torque, damping, closed)

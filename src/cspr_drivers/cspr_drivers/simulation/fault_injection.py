@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.bus_timing import BusDisturbance, BusTiming
@@ -17,10 +18,9 @@ from cspr_drivers.simulation.emulated_node import EmulatedNode
 from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
 from cspr_drivers.simulation.shared_plant import SharedPlant
 
-_DRIFT = 50.0  # N/s: half the tension of a cable within ten seconds
+_DRIFT = 200.0  # N/s: some fifth of a tension each second
 _WEAK_BRAKE = 0.05  # share of the holding torque
 _SLACK = 0.05  # m paid out by a cable that slips off its drum's groove
-_SHORTENED = -0.02  # m taken up by a cable that rides up on its own turns
 
 
 class FaultTarget(Enum):
@@ -43,6 +43,7 @@ class InjectedFault(Enum):
     DRIVE_EMERGENCY = "drive_emergency"
     DRIVE_WRONG_MODE = "drive_wrong_mode"
     DRIVE_RUNAWAY = "drive_runaway"
+    DRIVE_PULLING = "drive_pulling"
     WINCH_BLOCKED = "winch_blocked"
     BRAKE_WEAK = "brake_weak"
     LOAD_CELL_SILENT = "load_cell_silent"
@@ -50,7 +51,6 @@ class InjectedFault(Enum):
     LOAD_CELL_STUCK = "load_cell_stuck"
     LOAD_CELL_DRIFTING = "load_cell_drifting"
     CABLE_SLACK = "cable_slack"
-    CABLE_OVERLOADED = "cable_overloaded"
     BUS_CUT = "bus_cut"
     BUS_BABBLING = "bus_babbling"
     BUS_ERROR_FRAMES = "bus_error_frames"
@@ -85,6 +85,7 @@ _MEANINGS = {
     InjectedFault.DRIVE_EMERGENCY: "it reports undervoltage by EMCY and goes on",
     InjectedFault.DRIVE_WRONG_MODE: "it leaves cyclic synchronous torque mode by itself",
     InjectedFault.DRIVE_RUNAWAY: "it applies all its torque, to pay out",
+    InjectedFault.DRIVE_PULLING: "it applies three fifths of its torque, to take in",
     InjectedFault.WINCH_BLOCKED: "the brake holds although the drive says that it is open",
     InjectedFault.BRAKE_WEAK: "the brake holds a twentieth of its torque from its next closing on",
     InjectedFault.LOAD_CELL_SILENT: "its amplifier is unplugged",
@@ -92,7 +93,6 @@ _MEANINGS = {
     InjectedFault.LOAD_CELL_STUCK: "its value does not change any more",
     InjectedFault.LOAD_CELL_DRIFTING: f"its zero drifts by {_DRIFT:g} N a second",
     InjectedFault.CABLE_SLACK: f"{1e3 * _SLACK:g} mm of cable slip off the drum",
-    InjectedFault.CABLE_OVERLOADED: f"the drum takes up {-1e3 * _SHORTENED:g} mm of cable too many",
     InjectedFault.BUS_CUT: "no frame passes",
     InjectedFault.BUS_BABBLING: "a node fills the bus with frames of high priority",
     InjectedFault.BUS_ERROR_FRAMES: "every frame is destroyed by an error frame",
@@ -173,9 +173,8 @@ class FaultInjector:
             elif order.fault.target is FaultTarget.MOTOR:
                 self._harm_drive(order.fault, int(order.place))
             else:
-                for drive in self._drives:
-                    drive.set_emergency_stop(True)
-                    self._remedies.append(lambda drive=drive: drive.set_emergency_stop(False))  # type: ignore[misc]
+                self._remedies.append(partial(self._stop_by_emergency, False))
+                self._stop_by_emergency(True)
 
     def clear(self) -> None:
         """Repair everything; what stays latched in devices stays latched."""
@@ -206,13 +205,14 @@ class FaultInjector:
                 plant.weaken_brake(index, _WEAK_BRAKE)
                 self._remedies.append(lambda: plant.weaken_brake(index, 1.0))
             case _:
-                name = {
-                    InjectedFault.DRIVE_WRONG_MODE: "mode_is_lost",
-                    InjectedFault.DRIVE_RUNAWAY: "runs_away",
-                    InjectedFault.WINCH_BLOCKED: "blocked",
+                name, value = {
+                    InjectedFault.DRIVE_WRONG_MODE: ("mode_is_lost", True),
+                    InjectedFault.DRIVE_RUNAWAY: ("runs_away", 1.0),
+                    InjectedFault.DRIVE_PULLING: ("runs_away", -0.6),
+                    InjectedFault.WINCH_BLOCKED: ("blocked", True),
                 }[fault]
                 self._remedies.append(drive.apply_faults)
-                self._set(drive, name)
+                self._set(drive, name, value)
                 drive.apply_faults()
 
     def _harm_cable(self, fault: InjectedFault, index: int) -> None:
@@ -228,11 +228,10 @@ class FaultInjector:
                 cell.drift(_DRIFT)
                 self._remedies.append(lambda: cell.drift(0.0))
             case _:
-                length = _SLACK if fault is InjectedFault.CABLE_SLACK else _SHORTENED
                 plant = self._machine.plant
                 self._machine.advance(self._machine.now())
-                plant.slip_cable(index, length)
-                self._remedies.append(lambda: plant.slip_cable(index, -length))
+                plant.slip_cable(index, _SLACK)
+                self._remedies.append(lambda: plant.slip_cable(index, -_SLACK))
 
     def _disturb(self, fault: InjectedFault, name: str) -> None:
         bus = self._buses[name]
@@ -245,6 +244,10 @@ class FaultInjector:
         )
         self._remedies.append(lambda: bus.disturb(BusDisturbance.NONE))
 
-    def _set(self, device: EmulatedNode, name: str) -> None:
-        setattr(device, name, True)
-        self._remedies.append(lambda: setattr(device, name, False))
+    def _stop_by_emergency(self, active: bool) -> None:
+        for drive in self._drives:
+            drive.set_emergency_stop(active)
+
+    def _set(self, device: EmulatedNode, name: str, value: float = True) -> None:
+        setattr(device, name, value)
+        self._remedies.append(lambda: setattr(device, name, type(value)(0)))
