@@ -212,7 +212,7 @@ SCENARIOS = (
 )
 
 
-class FaultFailure(AssertionError):
+class FaultError(AssertionError):
     """A fault did not end as it must."""
 
 
@@ -221,7 +221,7 @@ def run(graph: SteppedGraph, scenario: Scenario, moving: bool = False) -> Outcom
 
     Raises
     ------
-    FaultFailure
+    FaultError
         If it ends otherwise than held, brakes closed, latched and named, or the robot cannot be brought back.
     """
     robot, plant = graph.robot, graph.robot.plant
@@ -305,7 +305,7 @@ def _require_held(graph: SteppedGraph, scenario: Scenario) -> None:
 def _require(condition: bool, problem: str, graph: SteppedGraph) -> None:
     if not condition:
         state, cause, _ = graph.robot.drives.states()
-        raise FaultFailure(
+        raise FaultError(
             f"{problem}; robot {graph.state.value} ({graph.cause}), drives {state.value} ({cause})"
         )
 
@@ -323,7 +323,7 @@ def _row(scenario: Scenario) -> str:
                 continue
             try:
                 outcome = run(graph, scenario, moving)
-            except (FaultFailure, TimeoutError, RuntimeError) as failure:
+            except (FaultError, TimeoutError, RuntimeError) as failure:
                 cells.append(f"FAILED: {failure}")
                 break
             cause, way = outcome.cause, "along the path" if outcome.controlled else "quick stop"

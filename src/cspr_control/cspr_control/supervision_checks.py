@@ -310,7 +310,8 @@ class SupervisionChecks:
     def _way_outside(self) -> NDArray[np.float64]:
         """Return how far the platform is out of its workspace along each axis (3,), m; nan before the first pose."""
         low, high = self._limits.workspace_min, self._limits.workspace_max
-        return np.maximum(0.0, np.maximum(np.array(low) - self._position, self._position - np.array(high)))
+        out = np.maximum(np.array(low) - self._position, self._position - np.array(high))
+        return np.asarray(np.maximum(0.0, out))
 
     def _outside(self) -> str | None:
         """Return in words where the platform has left its workspace; None when it has not."""
