@@ -8,6 +8,7 @@ REQUIREMENTS ?= requirements.txt
 ARGS ?=
 PACKAGES := cspr_kinematics cspr_msgs_py cspr_control cspr_drivers
 READY := $(VENV)/.ready
+BENCH_READY := $(VENV)/.bench-ready
 
 # Nothing leaves this machine, and no robot in the same network hears it.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
@@ -28,6 +29,14 @@ $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	$(VENV)/bin/python -m cspr_kinematics.warm_up config/robot.yaml
 	@touch $@
 
+# One by one and without what they depend on: a solver that has no wheel here costs nobody else's.
+$(BENCH_READY): requirements-bench.txt | $(READY)
+	@echo "== solvers to compare with"
+	@for solver in $$(grep -v '^#' $<); do \
+		$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --only-binary :all: $$solver || \
+			echo "   $$solver cannot be installed; the benchmarks will do without it"; done
+	@touch $@
+
 demo: $(READY)
 	@echo "== demo: the whole graph on a simulated robot"
 	@$(VENV)/bin/python -m cspr_control.nodes.demo $(ARGS)
@@ -42,7 +51,7 @@ lint: $(READY)
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy $(foreach p,$(PACKAGES),-p $(p))
 
-bench: $(READY)
+bench: $(READY) $(BENCH_READY)
 	@echo "== benchmarks"
 	$(VENV)/bin/python -m benchmarks $(ARGS)
 

@@ -20,7 +20,7 @@ from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions,
 from cspr_control.trajectory_player import TrajectoryPhase, TrajectoryPlayer
 from cspr_drivers.simulation.plant import Plant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload, Robot
+from cspr_kinematics import Payload, Pulleys, Robot
 
 CONFIG = Path(__file__).parents[1] / "config"
 FloatArray = NDArray[np.float64]
@@ -40,6 +40,8 @@ class LoopSettings:
     added: float = 100.0
     added_at: float = 3.0
     motor_inertia_factor: float = 1.0  # on the simulated motors
+    robot: str = "robot.yaml"  # what the controllers believe
+    true_pulleys: Pulleys | None = None  # of the simulated machine; by default as in config/simulation.yaml
     period: float = 0.004
     estimator_cycles: int = 5  # cycles between two updates of the mass estimate
     latency: float = 0.0015  # from the latching of the motor states to the torque
@@ -65,11 +67,12 @@ class LoopRecord:
 
 def run(settings: LoopSettings) -> LoopRecord:
     """Run one trajectory on the plant of config/simulation.yaml; a second takes about a third of one."""
-    robot = Robot.from_yaml(CONFIG / "robot.yaml")
+    robot = Robot.from_yaml(CONFIG / settings.robot)
     config = SimulationConfig.from_yaml(CONFIG / "simulation.yaml")
     config = config.with_payload(Payload(settings.payload, np.zeros(3)))
     motor = replace(config.robot.motor, inertia=config.robot.motor.inertia * settings.motor_inertia_factor)
-    config = replace(config, robot=replace(config.robot, motor=motor))
+    true_robot = replace(config.robot, motor=motor).with_geometry(pulleys=settings.true_pulleys)
+    config = replace(config, robot=true_robot)
     plant, noise = Plant(config), np.random.default_rng(config.seed)
     m = robot.number_of_cables
     limits = MotionLimits(speed=0.4, acceleration=0.5, angular_speed=0.3, angular_acceleration=0.5)

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
-from time import perf_counter
+import subprocess
+import sys
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 
 from benchmarks import plain_numpy
-from benchmarks.timing import microseconds, print_table
+from benchmarks.problems import CONFIG, PAYLOAD, Motion, motions
+from benchmarks.timing import microseconds, print_table, seconds
 from cspr_kinematics import (
-    Acceleration,
-    Payload,
     Pose,
     Robot,
-    Twist,
     distribute_tensions,
     feedforward_tensions,
     forward_kinematics,
@@ -27,29 +26,16 @@ from cspr_kinematics import (
 from cspr_kinematics.dynamics import total_parameters
 from cspr_kinematics.kernels.feedforward_kernels import feedforward_at_poses
 
-CONFIG = Path(__file__).parents[1] / "config"
 BATCH = 100_000
-PAYLOAD = Payload(100.0, [0.0, 0.0, 0.1])
 
 # What is aimed at on two cores of a 2024 server, us or, for batches, us a pose.
 _CHAIN = "cables, wrench and bounded tensions in one call"
 _KERNEL = "the same, inside the kernel"
 _BATCH_CHAIN = f"chain, batch of {BATCH}, one thread"
 _WARM = "forward kinematics, from 1 cm away"
-AIMS = {_CHAIN: 25.0, _KERNEL: 5.0, _BATCH_CHAIN: 4.0, _WARM: 25.0}
-
-Motion = tuple[Pose, Twist, Acceleration]
-
-
-def draw(robot: Robot, random: np.random.Generator, *shape: int) -> Motion:
-    """Lively motions around the home pose."""
-    position = robot.home.position + random.uniform(-0.3, 0.3, (*shape, 3))
-    angles = random.uniform(-0.1, 0.1, (3, *shape))
-    return (
-        Pose.from_euler(position, *angles),
-        Twist(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
-        Acceleration(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
-    )
+_TWO_THREADS = f"chain, batch of {BATCH}, two threads"
+_IMPORT = "import of the package"
+AIMS = {_CHAIN: 25.0, _KERNEL: 5.0, _BATCH_CHAIN: 4.0, _TWO_THREADS: 2.2, _WARM: 25.0}
 
 
 def in_the_kernel(robot: Robot, batch: Motion) -> float:
@@ -84,20 +70,10 @@ def in_the_kernel(robot: Robot, batch: Motion) -> float:
     return microseconds(lambda: feedforward_at_poses(*arguments), 100) / n
 
 
-def seconds(function: Any) -> float:
-    """Best of three times, s."""
-    times = []
-    for _ in range(3):
-        start = perf_counter()
-        function()
-        times.append(perf_counter() - start)
-    return min(times)
-
-
 def compare(robot: Robot, title: str, with_numpy: bool) -> None:
     """Print the table for one robot."""
     random = np.random.default_rng(0)
-    single, batch = draw(robot, random), draw(robot, random, BATCH)
+    single, batch = motions(robot, random), motions(robot, random, BATCH)
     lengths = inverse_kinematics(robot, single[0]).lengths
     batch_lengths = inverse_kinematics(robot, batch[0]).lengths
     limits = robot.tension_min, robot.tension_max
@@ -121,7 +97,7 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
     chain = microseconds(lambda: feedforward_tensions(robot, *single, PAYLOAD), 1000)
     rows = [
         (_CHAIN, chain),
-        (_KERNEL, in_the_kernel(robot, draw(robot, random, 1000))),
+        (_KERNEL, in_the_kernel(robot, motions(robot, random, 1000))),
         ("the same as three calls", microseconds(separate, 1000)),
         (
             "  inverse kinematics, wrench matrix",
@@ -140,8 +116,14 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
     cores = os.cpu_count() or 1
     rows.append((_BATCH_CHAIN, per_pose * seconds(lambda: feedforward_tensions(robot, *batch, PAYLOAD))))
     if cores > 1:
-        two = per_pose * seconds(lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2))
-        rows.append((f"chain, batch of {BATCH}, two threads", two))
+        two = per_pose * seconds(
+            lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2), perf_counter
+        )
+        rows.append((_TWO_THREADS, two))
+        both = per_pose * seconds(
+            lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2), process_time
+        )
+        rows.append(("  CPU time of both threads together", both))
     warm = per_pose * seconds(lambda: solve_forward_kinematics(robot, batch_lengths, near))
     rows.append((f"forward kinematics, from 1 cm away, batch of {BATCH}", warm))
     if with_numpy:
@@ -153,7 +135,22 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
     print_table(title, rows, chain, {name: factor * aim for name, aim in AIMS.items()})
 
 
+def import_time() -> float:
+    """CPU time of importing the package in a process of its own, less that of an empty one, us."""
+
+    def of_children() -> float:
+        times = os.times()
+        return times.children_user + times.children_system
+
+    def run(code: str) -> float:
+        return seconds(lambda: subprocess.run([sys.executable, "-c", code], check=True), of_children)
+
+    return 1e6 * (run("import cspr_kinematics") - run("pass"))
+
+
 def main() -> None:
     """Print the tables."""
+    imported = import_time()
+    print_table("once", [(_IMPORT, imported)], imported, {_IMPORT: 1e6})
     compare(Robot.from_yaml(CONFIG / "robot.yaml"), "fixed exit points, 8 cables", with_numpy=True)
     compare(Robot.from_yaml(CONFIG / "robot_pulleys.yaml"), "pulleys, 8 cables", with_numpy=False)

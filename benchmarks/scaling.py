@@ -2,61 +2,94 @@
 
 from __future__ import annotations
 
-import dataclasses
 from time import perf_counter
 
 import numpy as np
 
-from benchmarks.kinematics import CONFIG, PAYLOAD, draw, in_the_kernel
-from benchmarks.timing import microseconds
-from cspr_kinematics import Robot, feedforward_tensions, inverse_kinematics, solve_forward_kinematics
+from benchmarks.kinematics import in_the_kernel
+from benchmarks.problems import CONFIG, HIGH, LOW, PAYLOAD, Problem, motions, with_cables, wrenches
+from benchmarks.tensions import own, time_of
+from benchmarks.timing import microseconds, seconds
+from cspr_kinematics import (
+    Pose,
+    Robot,
+    available_wrenches,
+    distribute_tensions,
+    feedforward_tensions,
+    inverse_kinematics,
+    solve_forward_kinematics,
+)
+
+COLUMNS = (
+    "chain",
+    "in kernel",
+    "forward, warm",
+    "closest",
+    "steps",
+    "infeasible",
+    "steps",
+    "centre",
+    "faces",
+)
 
 
-def with_cables(robot: Robot, m: int) -> Robot:
-    """Return the shipped robot's frame and platform with m cables around it, crossed like its own."""
-    angle = 2.0 * np.pi * (np.arange(m) + 0.5) / m
-    exits = np.stack((2.5 * np.cos(angle), 1.5 * np.sin(angle), np.full(m, 3.0)), axis=-1)
-    turned = angle + np.where(np.arange(m) % 2, 1.9, -1.9)
-    height = np.where(np.arange(m) % 2, 0.2, -0.2)
-    anchors = np.stack((0.3 * np.cos(turned), 0.3 * np.sin(turned), height), axis=-1)
-    wide = dataclasses.replace(robot, tension_min=0.0, tension_max=20_000.0)
-    return wide.with_geometry(exit_points=exits, anchor_points=anchors)
+def growth_with_cables() -> None:
+    """Print times of one pose from 6 to 16 cables."""
+    random = np.random.default_rng(1)
+    print(f"\n{'us for one pose':>16}" + "".join(f"{title:>14}" for title in COLUMNS))
+    rows = []
+    for m in range(6, 17):
+        robot = with_cables(m)
+        single, batch = motions(robot, random), motions(robot, random, 1000)
+        lengths = inverse_kinematics(robot, batch[0]).lengths
+        near = Pose(batch[0].position + 0.01 / np.sqrt(3.0), batch[0].rotation)
+        within, beyond = (wrenches(m, 40, feasible=feasible) for feasible in (True, False))
+        closest, center = own("closest")(m), own("analytic_center")(m)
+        rows.append(
+            [
+                microseconds(lambda r=robot, s=single: feedforward_tensions(r, *s, PAYLOAD), 400),
+                in_the_kernel(robot, batch),
+                microseconds(lambda r=robot, x=lengths, g=near: solve_forward_kinematics(r, x, g), 40) / 1000,
+                time_of(closest, within),
+                most_steps(within),
+                time_of(closest, beyond),
+                most_steps(beyond),
+                time_of(center, within),
+                time_of(lambda A, w: available_wrenches(A, LOW, HIGH).margin(w), within[:5]),
+            ]
+        )
+        print(f"{f'{m} cables':>16}" + "".join(f"{value:>14.4g}" for value in rows[-1]))
+    ratios = [last / first if first else 0.0 for first, last in zip(rows[0], rows[-1], strict=True)]
+    print(f"{'ratio 16 to 6':>16}" + "".join(f"{ratio:>14.1f}" if ratio else f"{'':>14}" for ratio in ratios))
+
+
+def most_steps(problems: list[Problem]) -> int:
+    """Largest number of steps that `closest` takes; at most 20 a cable and 100."""
+    return max(int(distribute_tensions(A, w, LOW, HIGH, "closest").steps) for A, w in problems)
+
+
+def growth_with_poses() -> None:
+    """Print times a pose in batches on one thread and on two."""
+    robot, random = Robot.from_yaml(CONFIG / "robot.yaml"), np.random.default_rng(1)
+    problems = wrenches(8, 40, feasible=True)
+    print(f"\n{'us a pose of 8 cables':>22}{'chain':>12}{'2 threads':>12}{'gain':>8}", end="")
+    print(f"{'closest':>12}{'2 threads':>12}{'gain':>8}")
+    for n in (1, 10, 100, 1000, 10_000, 100_000):
+        batch = motions(robot, random, n)
+        A = np.resize(np.stack([A for A, _ in problems]), (n, 6, 8))
+        w = np.resize(np.stack([w for _, w in problems]), (n, 6))
+        chain, tensions = (
+            [1e6 / n * seconds(lambda t=t, f=f: f(t), perf_counter) for t in (1, 2)]
+            for f in (
+                lambda t, b=batch: feedforward_tensions(robot, *b, PAYLOAD, threads=t),
+                lambda t, A=A, w=w: distribute_tensions(A, w, LOW, HIGH, "closest", threads=t),
+            )
+        )
+        cells = [f"{one:>12.2f}{two:>12.2f}{one / two:>8.2f}" for one, two in (chain, tensions)]
+        print(f"{n:>22}" + "".join(cells))
 
 
 def main() -> None:
     """Print the tables."""
-    shipped = Robot.from_yaml(CONFIG / "robot.yaml")
-    random = np.random.default_rng(1)
-    header = f"\n{'cables':>8}{'chain, one pose':>18}{'ratio':>8}{'in the kernel':>16}{'ratio':>8}"
-    print(header + f"{'forward, warm':>16}{'ratio':>8}{'feasible':>10}")
-    first: tuple[float, float, float] | None = None
-    for m in range(6, 17, 2):
-        robot = with_cables(shipped, m)
-        single, batch = draw(robot, random), draw(robot, random, 1000)
-        lengths = inverse_kinematics(robot, batch[0]).lengths
-        near = draw(robot, np.random.default_rng(1), 1000)[0]
-        times = (
-            microseconds(lambda r=robot, s=single: feedforward_tensions(r, *s, PAYLOAD), 400),
-            in_the_kernel(robot, batch),
-            microseconds(lambda r=robot, x=lengths, g=near: solve_forward_kinematics(r, x, g), 40) / 1000,
-        )
-        first = first or times
-        feasible = feedforward_tensions(robot, *batch, PAYLOAD).feasible.mean()
-        columns = "".join(
-            f"{t:>{w}.2f}{t / f:>8.2f}" for t, f, w in zip(times, first, (18, 16, 16), strict=True)
-        )
-        print(f"{m:>8}{columns}{feasible:>10.0%}")
-
-    print(f"\n{'poses':>8}{'one thread, us a pose':>24}{'two threads':>14}{'gain':>8}")
-    for n in (1, 10, 100, 1000, 10_000, 100_000):
-        batch = draw(shipped, random, n)
-        times_by_threads = []
-        for threads in (1, 2):
-            best = np.inf
-            for _ in range(5):
-                start = perf_counter()
-                feedforward_tensions(shipped, *batch, PAYLOAD, threads=threads)
-                best = min(best, perf_counter() - start)
-            times_by_threads.append(1e6 * best / n)
-        one, two = times_by_threads
-        print(f"{n:>8}{one:>24.2f}{two:>14.2f}{one / two:>8.2f}")
+    growth_with_cables()
+    growth_with_poses()

@@ -41,7 +41,7 @@ _PATIENCE = 30.0  # s of real time for the devices to be configured
 
 
 class SteppedClock:
-    """All clocks of the computer, standing still until told."""
+    """The clock of the machine, standing still until told."""
 
     def __init__(self) -> None:
         self.time = _BEGIN
@@ -282,7 +282,7 @@ class SteppedRobot:
 
     @contextmanager
     def _stepped(self) -> Iterator[None]:
-        """Let the computer's clocks be those of the simulation."""
+        """Let the clock of the drivers be that of the simulation."""
         clock = self.clock
         with (
             mock.patch.multiple(time, monotonic=clock.monotonic, time=clock.system, time_ns=clock.system_ns),

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from time import perf_counter
+from time import thread_time
+
+_FEWEST_SERIES, _MOST_SERIES = 3, 200
+_LONGEST = 0.3  # s of all series
 
 
 def microseconds(function: Callable[[], object], repetitions: int) -> float:
-    """Best mean time of many short series, us: on a busy machine most series are disturbed, some are not."""
+    """Best mean CPU time of many short series, us: on a busy machine most series are disturbed, some are not."""
     function()
     series = max(1, min(50, repetitions // 20))
-    times = []
-    for _ in range(20):
-        start = perf_counter()
+    times: list[float] = []
+    while len(times) < _FEWEST_SERIES or (len(times) < _MOST_SERIES and sum(times) * series < _LONGEST):
+        start = thread_time()
         for _ in range(series):
             function()
-        times.append((perf_counter() - start) / series)
-        if sum(times) * series > 3.0:
-            break
+        times.append((thread_time() - start) / series)
     return min(times) * 1e6
+
+
+def seconds(function: Callable[[], object], clock: Callable[[], float] = thread_time) -> float:
+    """Best of five times, s; on the clock of this thread, which work on others does not count on."""
+    times = []
+    for _ in range(5):
+        start = clock()
+        function()
+        times.append(clock() - start)
+    return min(times)
 
 
 def print_table(title: str, rows: Sequence[tuple[str, float]], base: float, limits: dict[str, float]) -> None:

@@ -8,6 +8,7 @@ from cspr_control.feedforward import (
     Feedforward,
     FeedforwardModel,
     FeedforwardSettings,
+    Margins,
     PayloadSource,
     PayloadStatus,
     checked_payload,
@@ -16,9 +17,13 @@ from cspr_control.paper_trajectories import paper_19, paper_19_tilt
 from cspr_control.reference import ReferencePoint
 from cspr_kinematics import (
     Acceleration,
+    InvalidInputError,
     Payload,
     Pose,
+    Task,
     Twist,
+    assess_task,
+    distribute_tensions,
     inverse_kinematics,
     required_wrench,
     static_wrench,
@@ -115,6 +120,61 @@ def test_a_switch_is_bridged_at_the_stated_slew(robot, change):
     assert excess.max() <= slew * PERIOD + 1e-9
     np.testing.assert_allclose(after[0], before[-1], atol=1e-12)
     np.testing.assert_allclose(after[-1], plain[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["closest", "centroid", "analytic_center"])
+def test_every_tension_method_gives_the_wrench(robot, moving, method):
+    setpoint = setpoint_of(robot, moving, tension_method=method, **NOMINAL)
+    wrench = required_wrench(robot, moving.pose, moving.twist, moving.acceleration)
+    A = inverse_kinematics(robot, moving.pose).wrench_matrix
+    np.testing.assert_allclose(A @ setpoint.tensions, wrench, atol=1e-6)
+    expected = distribute_tensions(A, wrench, robot.tension_min, robot.tension_max, method).tensions
+    np.testing.assert_allclose(setpoint.tensions, expected, atol=1e-6)
+    np.testing.assert_allclose(robot.winch.tension(setpoint.effort), expected, atol=1e-6)
+
+
+def test_a_change_of_tension_method_keeps_the_slew_and_the_wrench(robot, moving):
+    """From one method to another and, halfway, to a third: no step, and the platform feels nothing of it."""
+    slew = 0.02
+    settings = {"switch_slew": slew, **NOMINAL}
+    feedforward = Feedforward(robot, FeedforwardSettings(**settings))
+    changes = {50: "centroid", 120: "analytic_center", 500: "closest"}
+    efforts = []
+    for cycle in range(1, 900):
+        if cycle in changes:
+            feedforward.configure(FeedforwardSettings(**settings, tension_method=changes[cycle]))
+        setpoint = feedforward.compute(cycle * PERIOD, moving)
+        tensions = robot.winch.tension(setpoint.effort)
+        np.testing.assert_allclose(setpoint.wrench_matrix @ tensions, setpoint.wrench, atol=1e-6)
+        assert setpoint.feasible
+        efforts.append(setpoint.effort)
+    steps = np.abs(np.diff(efforts, axis=0)).max(axis=1)
+    assert steps.max() <= slew * PERIOD * (1.0 + 1e-9)
+    assert (steps > 0.5 * slew * PERIOD).sum() > 200  # it does take a while
+    for cycle, method in ((40, "closest"), (490, "analytic_center"), (890, "closest")):
+        settled = setpoint_of(robot, moving, tension_method=method, **NOMINAL).effort
+        np.testing.assert_allclose(efforts[cycle], settled, atol=1e-9)
+
+
+def test_an_unknown_tension_method_is_refused_and_changes_nothing(robot, moving):
+    feedforward = Feedforward(robot, FeedforwardSettings(**NOMINAL))
+    before = feedforward.compute(0.0, moving).effort
+    with pytest.raises(InvalidInputError, match="softest"):
+        feedforward.configure(FeedforwardSettings(tension_method="softest"))
+    np.testing.assert_array_equal(feedforward.compute(1.0, moving).effort, before)
+
+
+def test_margins_are_those_of_the_wrenches_within_reach(robot):
+    at_rest = ReferencePoint.at_rest(Pose.from_euler([0.4, -0.2, 1.3], 0.1, 0.0, -0.05))
+    setpoint = setpoint_of(robot, at_rest, model=FeedforwardModel.STATIC, **NOMINAL)
+    margins = Margins.of(setpoint, robot)
+    assert margins.wrench == pytest.approx(float(assess_task(robot, at_rest.pose, Task()).margin))
+    assert margins.tension == pytest.approx(setpoint.tensions.min() - robot.tension_min)
+    thrown = ReferencePoint(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
+    beyond = setpoint_of(robot, thrown, **NOMINAL)
+    assert Margins.of(beyond, robot).wrench < 0.0
+    # the tensions of least error are no nearer than the distance that the margin bounds from below
+    assert beyond.wrench_residual >= -Margins.of(beyond, robot).wrench - 1e-6
 
 
 def test_payload_status(robot, moving):

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cspr_control.errors import ControlError
-from cspr_control.feedforward import Feedforward, FeedforwardSettings, PayloadSource
+from cspr_control.feedforward import Feedforward, FeedforwardSettings, Margins, PayloadSource
 from cspr_control.nodes.feedforward import FeedforwardNode
 from cspr_control.nodes.mass_estimator import MassEstimatorNode
 from cspr_control.nodes.motor_control_gains import MotorControlGains
@@ -23,6 +24,7 @@ from cspr_control.nodes.pose_estimator import PoseEstimatorNode
 from cspr_control.nodes.supervisor import SupervisorNode
 from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_control.paper_trajectories import paper_19
+from cspr_control.reference import ReferencePoint
 from cspr_control.supervision import RobotState
 from cspr_kinematics import (
     Payload,
@@ -252,6 +254,43 @@ def test_feedforward_answers_a_reference_with_a_setpoint(bench, robot):
     assert not set_parameter(node, "model", "clairvoyant").successful
     assert "magic" in set_parameter(node, "payload_source", "magic").reason
     assert not set_parameter(node, "robot_config", "other.yaml").successful
+
+
+def test_feedforward_reports_its_margins_and_changes_the_tension_method(bench, robot):
+    node = bench.add(FeedforwardNode(**bench.options(payload_source="nominal", switch_slew=1000.0)))
+    diagnostics = bench.listen(topics.DIAGNOSTICS)
+    at_rest = ReferencePoint.at_rest(robot.home)
+
+    def reported(method):
+        bench.until(
+            lambda: any(
+                from_diagnostic_array(m)["feedforward"][2].get("tension_method") == method
+                and "wrench_margin" in from_diagnostic_array(m)["feedforward"][2]
+                for m in diagnostics
+            ),
+            lambda: bench.publish(topics.REFERENCE, reference_message(at_rest)),
+        )
+        values = from_diagnostic_array(diagnostics[-1])["feedforward"][2]
+        diagnostics.clear()
+        return float(values["tension_margin"]), float(values["wrench_margin"])
+
+    def expected(method):
+        settings = FeedforwardSettings(payload_source=PayloadSource.NOMINAL, tension_method=method)
+        margins = Margins.of(Feedforward(robot, settings).compute(0.0, at_rest), robot)
+        return pytest.approx((margins.tension, margins.wrench), abs=0.06)
+
+    assert reported("closest") == expected("closest")
+    assert set_parameter(node, "tension_method", "centroid").successful
+    bench.until(lambda: reported("centroid") == expected("centroid"))  # once the change is over
+    refused = set_parameter(node, "tension_method", "minimum_norm")
+    assert not refused.successful
+    assert "analytic_center" in refused.reason
+
+
+def test_feedforward_has_no_centroid_for_many_cables(bench):
+    twelve = Path(__file__).parents[1] / "kinematics" / "twelve_cables.yaml"
+    with pytest.raises(ControlError, match="centroid"):
+        FeedforwardNode(**bench.options(robot_config=str(twelve), tension_method="centroid"))
 
 
 def test_feedforward_refuses_a_reference_that_is_not_finite(bench, robot):

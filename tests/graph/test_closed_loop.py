@@ -91,8 +91,8 @@ def gone(pids: dict[str, int]) -> bool:
 
 
 def test_the_robot_moves_and_is_recorded(tmp_path: Path, demo: list[Demo]) -> None:
-    demo.append(Demo(tmp_path, "--trajectory", "smooth-19"))
-    assert demo[0].end(150.0) == 0, demo[0].text
+    demo.append(Demo(tmp_path, "--trajectory", "smooth-19", "--speed", "0.5"))
+    assert demo[0].end(200.0) == 0, demo[0].text
     run = demo[0].runs / "latest"
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
     assert summary.keys() >= KEYS
@@ -139,7 +139,7 @@ def test_the_robot_moves_and_is_recorded(tmp_path: Path, demo: list[Demo]) -> No
 
 
 def test_interrupted_in_motion_it_closes_brakes_and_ends_everything(tmp_path: Path, demo: list[Demo]) -> None:
-    demo.append(Demo(tmp_path, "--trajectory", "smooth-18"))
+    demo.append(Demo(tmp_path, "--trajectory", "smooth-18", "--speed", "0.5"))
     demo[0].wait_for("moving to the start")
     time.sleep(1.0)  # into the motion
     children = demo[0].children()
@@ -156,7 +156,7 @@ def test_interrupted_in_motion_it_closes_brakes_and_ends_everything(tmp_path: Pa
 
 
 def test_a_node_that_dies_ends_the_demo_with_its_name(tmp_path: Path, demo: list[Demo]) -> None:
-    demo.append(Demo(tmp_path))
+    demo.append(Demo(tmp_path, "--speed", "0.5"))
     demo[0].wait_for("moving to the start")
     children = demo[0].children()
     os.kill(children["control"], signal.SIGKILL)

@@ -11,7 +11,7 @@ from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 
 from cspr_msgs_py.bag_file import Attachment, BagFile
-from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.bag_metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.reference import VECTORS, ReferenceCodec, ReferenceSample
@@ -48,9 +48,7 @@ def recorded(topic: Topic) -> RecordedTopic:
         topic.name,
         topic.type,
         message_definition(topic.type),
-        topic.reliability.value,
-        topic.durability.value,
-        topic.depth,
+        (OfferedQos("keep_last", topic.depth, topic.reliability.value, topic.durability.value),),
     )
 
 

@@ -14,7 +14,7 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
 from cspr_msgs_py.bag_file import Attachment, BagFile, Compression
-from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.bag_metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.bag_reader import Bag, BagWarning
 from cspr_msgs_py.bag_writer import FLUSH_PERIOD, BagWriter
 from cspr_msgs_py.errors import BagError
@@ -22,7 +22,10 @@ from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.topics import JOINT_STATE
 
 TOPIC = RecordedTopic(
-    "/motor_states", JOINT_STATE, message_definition(JOINT_STATE), "best_effort", "volatile", 5
+    "/motor_states",
+    JOINT_STATE,
+    message_definition(JOINT_STATE),
+    (OfferedQos("keep_last", 5, "best_effort", "volatile"),),
 )
 
 
@@ -37,7 +40,7 @@ class TestStandardTools:
         (profile,) = by_topic["/motor_states"].ext.offered_qos_profiles
         assert profile.reliability == QosReliability.BEST_EFFORT
         assert profile.durability == QosDurability.VOLATILE
-        assert profile.depth == 5
+        assert profile.depth == 1
 
     def test_rosbags_decodes_by_the_definitions_in_the_bag(self, recording) -> None:
         with AnyReader([recording.write()]) as reader:

@@ -50,7 +50,7 @@ def test_samples_of_the_control_loop_are_never_repeated(topic) -> None:
     assert profile.reliability == ReliabilityPolicy.BEST_EFFORT
     assert profile.durability == DurabilityPolicy.VOLATILE
     assert profile.history == HistoryPolicy.KEEP_LAST
-    assert profile.depth == 5
+    assert profile.depth == 1
 
 
 @pytest.mark.parametrize("topic", [ROBOT_STATE, TRAJECTORY_STATE, DRIVE_STATES])

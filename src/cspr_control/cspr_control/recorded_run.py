@@ -50,10 +50,11 @@ def summarise_run(
     """
     try:
         with Bag(bag_path) as bag:
-            states = _motor_trace(bag.joint_states(MOTOR_STATES.name))
+            recorded_states = bag.joint_states(MOTOR_STATES.name)
+            states = _motor_trace(recorded_states)
             setpoints = _motor_trace(bag.joint_states(SETPOINT.name))
-            estimate = _mass_trace(bag.inertias(PAYLOAD.name), window_ns)
-            truth = _mass_trace(bag.inertias(SIMULATED_PAYLOAD.name), window_ns)
+            estimate = _mass_trace(bag.inertias(PAYLOAD.name), recorded_states, window_ns)
+            truth = _mass_trace(bag.inertias(SIMULATED_PAYLOAD.name), recorded_states, window_ns)
     except BagError as problem:
         raise ControlError(f"the recording cannot be summarised: {problem}") from problem
     _, error = position_errors(states, setpoints, window_ns)
@@ -77,12 +78,14 @@ def _motor_trace(states: JointStates) -> MotorTrace:
     return MotorTrace(states.time_ns[order], states.position[order], states.velocity[order])
 
 
-def _mass_trace(inertias: Inertias, window_ns: tuple[int, int]) -> MassTrace:
-    # the estimate keeps the stamp of its newest measurement while it is held: what counts is when it was there
-    inside = (inertias.log_time_ns >= window_ns[0]) & (inertias.log_time_ns <= window_ns[1])
+def _mass_trace(inertias: Inertias, states: JointStates, window_ns: tuple[int, int]) -> MassTrace:
+    # The estimate keeps the stamp of its newest measurement while it is held: what counts is when it was there, on
+    # the clock of the machine, which may be slower than the recorder's.
+    arrivals = np.interp(inertias.log_time_ns, states.log_time_ns, states.time_ns).astype(np.int64)
+    inside = (arrivals >= window_ns[0]) & (arrivals <= window_ns[1])
     if not inside.any():
         raise ControlError("the recording holds no payload between the start and the end of the trajectory")
-    return MassTrace(inertias.log_time_ns[inside], inertias.mass[inside])
+    return MassTrace(arrivals[inside], inertias.mass[inside])
 
 
 def _cycle_statistics(

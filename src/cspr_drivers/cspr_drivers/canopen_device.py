@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import TypeVar
@@ -10,6 +9,7 @@ from typing import TypeVar
 import can
 import canopen
 
+from cspr_drivers import clock
 from cspr_drivers.can_bus import CanPort
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 from cspr_drivers.object_entry import Parameter, Setting
@@ -64,7 +64,7 @@ class CanopenDevice:
         on_emergency: Callable[[int, int, bytes], None] | None = None,
     ) -> None:
         self.name = name
-        self._heartbeat = time.monotonic()
+        self._heartbeat = clock.monotonic()
         self._started: float | None = None
         self._nmt_state: int | None = None
         self._on_boot = on_boot
@@ -169,14 +169,14 @@ class CanopenDevice:
         DeviceError
             As `check`, if it does not come to have it.
         """
-        deadline = time.monotonic() + self._node.sdo.RESPONSE_TIMEOUT
+        deadline = clock.monotonic() + self._node.sdo.RESPONSE_TIMEOUT
         while True:
             try:
                 self.check((expected,))
             except DeviceError:
-                if time.monotonic() > deadline:
+                if clock.monotonic() > deadline:
                     raise
-                time.sleep(0.01)
+                clock.sleep(0.01)
             else:
                 return
 
@@ -196,7 +196,7 @@ class CanopenDevice:
         except can.CanError as error:
             raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
         if command is NmtCommand.START:
-            self._started = time.monotonic()
+            self._started = clock.monotonic()
 
     def heartbeat_age(self, now: float) -> float:
         """Return the time since the last heartbeat, s."""
@@ -225,7 +225,7 @@ class CanopenDevice:
         return "unknown" if self._nmt_state is None else nmt_state_text(self._nmt_state)
 
     def _heard(self, state: int) -> None:
-        self._heartbeat = time.monotonic()
+        self._heartbeat = clock.monotonic()
         self._nmt_state = state
         if state == BOOT_UP:
             self._started = None

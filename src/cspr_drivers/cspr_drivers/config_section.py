@@ -61,6 +61,9 @@ class ConfigSection:
             raise configuration_error(str(path), "", None, f"is not valid YAML: {problem}") from None
         return ConfigSection(str(path), "", content)
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._content
+
     def key(self, name: str) -> str:
         """Return the path of a key of this section."""
         return f"{self.path}.{name}" if self.path else name
@@ -129,6 +132,13 @@ class ConfigSection:
             raise self.error(name, f"must be finite numbers of shape {shape}")
         array.setflags(write=False)
         return array
+
+    def array_or_row(self, name: str, count: int, *shape: int) -> NDArray[np.float64]:
+        """Return `count` arrays of a shape, or the one that stands there for all of them."""
+        value = self._content.get(name)
+        for _ in shape:
+            value = value[0] if isinstance(value, list) and value else None
+        return self.array(name, count, *shape) if isinstance(value, list) else self.array(name, *shape)
 
     def sections(self, name: str, may_be_empty: bool = False) -> tuple[ConfigSection, ...]:
         """Return the mappings of a list, in its order."""

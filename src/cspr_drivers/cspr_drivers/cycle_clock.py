@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
+
+from cspr_drivers import clock
 
 
 class CycleClock:
@@ -61,16 +62,16 @@ class CycleClock:
         return self._worst_lateness
 
     def _run(self) -> None:
-        due = time.monotonic()
+        due = clock.monotonic()
         while not self._stopping.is_set():
-            now = time.monotonic()
+            now = clock.monotonic()
             if now < due:
-                time.sleep(due - now)
-                now = time.monotonic()
+                clock.sleep(due - now)
+                now = clock.monotonic()
             self._worst_lateness = max(self._worst_lateness, now - due)
             self._tick(now)
             due += self._period
-            behind = time.monotonic() - due
+            behind = clock.monotonic() - due
             if behind > self._period:
                 left_out = int(behind / self._period)
                 self._skipped += left_out

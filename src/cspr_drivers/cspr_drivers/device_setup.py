@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from cspr_drivers import cia402
+from cspr_drivers import cia402, clock
 from cspr_drivers.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
 from cspr_drivers.device_parameters import (
@@ -136,5 +135,5 @@ def _require_no_torque(device: CanopenDevice) -> None:
 
 
 def _start(device: CanopenDevice) -> None:
-    device.expect_heartbeat(time.monotonic())
+    device.expect_heartbeat(clock.monotonic())
     device.command(NmtCommand.START)

@@ -7,10 +7,10 @@ Three kinds of threads meet here: the cycle clock, the receiving thread of each 
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from functools import partial
 
+from cspr_drivers import clock
 from cspr_drivers.can_bus import CanPorts, CyclicFrame
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
@@ -139,9 +139,9 @@ class DriveMaster:
             return
         self._stopped = True
         self.disable()
-        deadline = time.monotonic() + 2.0 * self._config.timeouts.stop
-        while self._clock.running and time.monotonic() < deadline and not self._at_rest():
-            time.sleep(self._config.period)
+        deadline = clock.monotonic() + 2.0 * self._config.timeouts.stop
+        while self._clock.running and clock.monotonic() < deadline and not self._at_rest():
+            clock.sleep(self._config.period)
         self._commissioning.stop()
         for device in self._devices:
             try:
@@ -179,14 +179,14 @@ class DriveMaster:
                 self._cycle.command(index, fresh=False, time=0.0)  # overtaken by a newer one
                 return
             self._command_stamps[index] = stamp_ns
-            now = time.monotonic()
+            now = clock.monotonic()
             self._group.commanded(index, now)
             if self._group.state is GroupState.FAULT:
                 return  # the torque stays what it was when the fault came, until the brakes hold
             frame = self._frames[index]
             frame.torque = self._config.drives[index].units.per_mille(torque)
             if frame.send(self._group.control_words[index]):
-                self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=time.monotonic())
+                self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=clock.monotonic())
 
     def reject_command(self, index: int, problem: str) -> None:
         """Count a command that could not be read; stop the drives when they are in motion."""
@@ -198,7 +198,7 @@ class DriveMaster:
     def enable(self) -> str | None:
         """Begin to release the brakes; return why not when that is refused."""
         with self._lock:
-            refusal = self._group.enable(time.monotonic())
+            refusal = self._group.enable(clock.monotonic())
             if refusal is None:
                 self._cycle.clear()
                 self._clock.clear()
@@ -208,19 +208,19 @@ class DriveMaster:
     def disable(self) -> None:
         """Begin to close the brakes and to take the torque away."""
         with self._lock:
-            self._group.disable(time.monotonic())
+            self._group.disable(clock.monotonic())
             self._send_changed()
 
     def quick_stop(self, cause: str) -> None:
         """Stop all drives at once and latch the cause."""
         with self._lock:
-            self._group.quick_stop(cause, time.monotonic())
+            self._group.quick_stop(cause, clock.monotonic())
             self._send_changed()
 
     def fault_reset(self) -> str | None:
         """Begin to reset faults and the latched cause; return why not when that is refused."""
         with self._lock:
-            return self._group.fault_reset(time.monotonic())
+            return self._group.fault_reset(clock.monotonic())
 
     def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
         """Return state and cause of the group, and the state of each drive."""
@@ -312,7 +312,7 @@ class DriveMaster:
         self._rejected += 1
         self._last_rejection = f"{self._config.drives[index].name}: {problem}"
         if self._group.state in IN_MOTION:
-            self._group.quick_stop(self._last_rejection, time.monotonic())
+            self._group.quick_stop(self._last_rejection, clock.monotonic())
             self._send_changed()
 
     def _at_rest(self) -> bool:
@@ -327,7 +327,7 @@ class DriveMaster:
             set_up_drive(self._devices[index], self._config, self._config.drives[index])
         except DeviceError as error:
             with self._lock:
-                self._group.lost(index, error.problem, time.monotonic())
+                self._group.lost(index, error.problem, clock.monotonic())
             raise
         with self._lock:
             self._group.configured(index)
@@ -345,7 +345,7 @@ class DriveMaster:
 
     def _booted(self, index: int) -> None:
         with self._lock:
-            self._lose(index, "restarted", time.monotonic())
+            self._lose(index, "restarted", clock.monotonic())
 
     def _lose(self, index: int, reason: str, now: float) -> None:
         self._group.lost(index, reason, now)

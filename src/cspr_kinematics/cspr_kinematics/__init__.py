@@ -29,7 +29,7 @@ from .rigid_body import Payload, RigidBody, combine
 from .robot import Robot, home_lengths
 from .tension_blend import TensionBlend
 from .tension_result import TensionResult
-from .tensions import distribute_tensions
+from .tensions import Method, bounded_methods, distribute_tensions
 from .winch import Motor, Winch
 from .workspace import Workspace, explore_workspace
 from .wrench_set import WrenchSet, available_wrenches
@@ -47,6 +47,7 @@ __all__ = [
     "Interference",
     "InvalidInputError",
     "KinematicsError",
+    "Method",
     "Motion",
     "Motor",
     "NearestPair",
@@ -69,6 +70,7 @@ __all__ = [
     "assess_task",
     "available_wrenches",
     "balance_regressor",
+    "bounded_methods",
     "cable_interference",
     "cable_lengths",
     "cable_power",

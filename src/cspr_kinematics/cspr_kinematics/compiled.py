@@ -56,7 +56,9 @@ def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
 
 def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar]:
     """Return a result (n, ...) of a kernel with the batch axes `batch` in place of n, read-only."""
-    result: NDArray[_Scalar] = array.reshape(batch + array.shape[1:]) if batch else array[0]
+    # taking the only member is quicker than reshaping, but makes a number of a vector
+    alone = not batch and array.ndim > 1
+    result: NDArray[_Scalar] = array[0] if alone else array.reshape(batch + array.shape[1:])
     result.setflags(write=False)
     return result
 

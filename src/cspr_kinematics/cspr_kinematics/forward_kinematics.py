@@ -15,6 +15,7 @@ from .compiled import in_batch, in_chunks, kernel_input
 from .errors import ForwardKinematicsError, InvalidInputError
 from .kernels import forward_kernels as kernels
 from .kernels import pose_iteration as iteration
+from .kernels.pose_search_kernels import ABOVE_FRAME
 from .pose import Pose
 from .pose_accuracy import covariance as covariance_of
 from .pose_accuracy import largest_misfit, length_deviations
@@ -36,7 +37,7 @@ class ForwardKinematicsStatus(IntEnum):
     """The nearest pose leaves length errors beyond what is accepted."""
     SLACK_CABLE = kernels.SLACK_CABLE
     """As before, but without the cables in `slack` the others fit."""
-    ABOVE_FRAME = kernels.ABOVE_FRAME
+    ABOVE_FRAME = ABOVE_FRAME
     """What fits lies on the other side of the frame, where no suspended platform is."""
     BEYOND_PULLEY = iteration.BEYOND_PULLEY
     """At the guess a cable cannot reach its pulley."""
@@ -252,7 +253,7 @@ def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> Forwar
     errors = np.abs(solution.residual[failed])
     worst = float(np.nanmax(errors)) if np.isfinite(errors).any() else math.nan
     advice = {
-        kernels.ABOVE_FRAME: "What fits lies above the frame, where no suspended platform is",
+        ABOVE_FRAME: "What fits lies above the frame, where no suspended platform is",
         iteration.BEYOND_PULLEY: "At the guess a cable cannot reach its pulley",
     }.get(int(statuses[0]), "Check that the lengths belong to this robot, and start from a nearer guess")
     slack = solution.slack[failed].reshape(-1, solution.slack.shape[-1])

@@ -49,10 +49,19 @@ class TensionBlend:
     """
 
     def __init__(self, method: Method = "closest", *, slew: float, reference: ArrayLike = 0.0) -> None:
-        self._slew = positive_number("slew", slew)
+        self.slew = slew
         self._choices: list[_Choice] = []
         self.select(method, reference)
         self._choices = [replace(self._choices[0], share=1.0)]
+
+    @property
+    def slew(self) -> float:
+        """Fastest change of a tension for the sake of another method, N/s; it may be set at any time."""
+        return self._slew
+
+    @slew.setter
+    def slew(self, value: float) -> None:
+        self._slew = positive_number("slew", value)
 
     @property
     def method(self) -> Method:
@@ -132,15 +141,19 @@ def _mixed(
     t_max: ArrayLike,
 ) -> TensionResult:
     """Return the last result with other tensions."""
+    last = results[-1]
     error = np.asarray(wrench_matrix) @ tensions - np.asarray(wrench)
     below, above = tensions - np.asarray(t_min), np.asarray(t_max) - tensions
-    feasible = all(bool(result.feasible) for result in results)
-    return replace(
-        results[-1],
+    feasible = np.asarray(all(bool(result.feasible) for result in results))
+    residual, margin = np.asarray(np.linalg.norm(error)), np.asarray(min(below.min(), above.min()))
+    active = np.asarray(above <= 0.0).astype(np.int8) - np.asarray(below <= 0.0).astype(np.int8)
+    for array in (tensions, feasible, residual, error, margin, active):
+        array.setflags(write=False)
+    return last._replace(
         tensions=tensions,
-        feasible=np.asarray(feasible),
-        residual=np.asarray(np.linalg.norm(error)),
+        feasible=feasible,
+        residual=residual,
         residual_wrench=error,
-        margin=np.asarray(min(below.min(), above.min())),
-        active=(np.asarray(above <= 0.0).astype(np.int8) - np.asarray(below <= 0.0).astype(np.int8)),
+        margin=margin,
+        active=active,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from .arrays import BoolArray, FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class TensionResult:
+class TensionResult(NamedTuple):
     """Cable tensions for a wrench, and whether they are any good; arrays are read-only.
 
     Attributes
@@ -49,10 +48,3 @@ class TensionResult:
     steps: NDArray[np.int64]
     separating_direction: FloatArray
     separation: FloatArray
-
-    def __post_init__(self) -> None:
-        for name in _FIELD_NAMES:
-            getattr(self, name).setflags(write=False)
-
-
-_FIELD_NAMES = tuple(field.name for field in fields(TensionResult))

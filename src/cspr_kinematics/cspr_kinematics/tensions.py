@@ -13,11 +13,12 @@ from .arrays import FloatArray, as_floats, broadcast_batch, checked
 from .compiled import in_batch, in_chunks, kernel_input
 from .errors import InvalidInputError, SingularWrenchMatrixError
 from .kernels.tension_batch import (
-    analytic_center_batch,
+    ANALYTIC_CENTER,
+    CENTROID,
+    CLOSEST,
+    MINIMUM_NORM,
     assess_kernel,
-    bounded_batch,
-    centroid_batch,
-    minimum_norm_batch,
+    distribute_batch,
 )
 from .kernels.tension_kernels import EXACT, INFEASIBLE, SINGULAR, WRENCH_TOLERANCE
 from .tension_result import TensionResult
@@ -25,9 +26,21 @@ from .tension_result import TensionResult
 Method = Literal["minimum_norm", "closest", "centroid", "analytic_center"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
+_CODES: dict[str, int] = {
+    "minimum_norm": MINIMUM_NORM,
+    "closest": CLOSEST,
+    "centroid": CENTROID,
+    "analytic_center": ANALYTIC_CENTER,
+}
 _EQUAL_WEIGHTS = kernel_input(np.ones(6), 6)
 _PSEUDOINVERSE_CUTOFF = 1e-10
 _MOST_CABLES_WITH_CENTROID = 8
+
+
+def bounded_methods(number_of_cables: int) -> tuple[Method, ...]:
+    """Return the methods that keep tensions within the limits, for a robot with so many cables."""
+    known = [method for method in METHODS if method != "minimum_norm"]
+    return tuple(m for m in known if m != "centroid" or number_of_cables <= _MOST_CABLES_WITH_CENTROID)
 
 
 def distribute_tensions(
@@ -85,7 +98,8 @@ def distribute_tensions(
         If a wrench matrix has lost a rank and the method is not `minimum_norm`: the cables cannot hold the
         platform there, whatever their tensions.
     """
-    if method not in METHODS:
+    code = _CODES.get(method)
+    if code is None:
         raise InvalidInputError("method", method, f"known are {', '.join(METHODS)}")
     w, A = as_floats("wrench", wrench, 6), as_floats("wrench_matrix", wrench_matrix)
     if A.ndim < 2 or A.shape[-2] != 6 or A.shape[-1] < 6:
@@ -107,14 +121,7 @@ def distribute_tensions(
     singular: list[int] = []
 
     def work(first: int, after_last: int) -> None:
-        if method == "minimum_norm":
-            singular.append(minimum_norm_batch(*problem[:2], first, after_last, *answer))
-            return
-        singular.append(bounded_batch(*problem, *preferences, first, after_last, *answer))
-        if method == "centroid":
-            centroid_batch(*problem, first, after_last, tensions, status, steps)
-        elif method == "analytic_center":
-            analytic_center_batch(*problem, first, after_last, tensions, status, steps)
+        singular.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
 
     in_chunks(work, n, threads)
     if any(singular):
@@ -130,15 +137,15 @@ def distribute_tensions(
         checked("wrench_matrix", A)
     return TensionResult(
         in_batch(tensions, batch),
-        feasible.reshape(batch),
-        residual.reshape(batch),
+        in_batch(feasible, batch),
+        in_batch(residual, batch),
         in_batch(residual_wrench, batch),
-        margin.reshape(batch),
-        active.reshape(shape),
-        status.reshape(batch),
-        steps.reshape(batch),
+        in_batch(margin, batch),
+        in_batch(active, batch),
+        in_batch(status, batch),
+        in_batch(steps, batch),
         in_batch(direction, batch),
-        separation.reshape(batch),
+        in_batch(separation, batch),
     )
 
 

@@ -75,11 +75,18 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+STRING = "std_msgs/msg/String"
 
 
 def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
-    """Return a topic of samples: the next one replaces a lost one, so nothing is ever repeated."""
-    return Topic(name, type, Reliability.BEST_EFFORT, Durability.VOLATILE, 5, rate, writer, content)
+    """Return a topic of samples: the next one replaces a lost one, so nothing is ever repeated.
+
+    In the control cycle a receiver that is late does not work through old samples either: with a queue of five, a
+    loop that cannot keep up would answer states that are five cycles old, and become unstable; with the newest alone
+    it is merely slower.
+    """
+    depth = 1 if rate in (Rate.CONTROL, Rate.BUS) else 5
+    return Topic(name, type, Reliability.BEST_EFFORT, Durability.VOLATILE, depth, rate, writer, content)
 
 
 def _latched(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
@@ -157,7 +164,21 @@ DRIVE_STATES = _latched(
     "also once a second: first the driver as a whole, then one status a motor: message = CiA 402 state; "
     "values: brake, error_code, statusword",
 )
+RECORDER_STATE = _latched(
+    "/recorder_state",
+    DIAGNOSTIC_STATUS,
+    Rate.ON_CHANGE,
+    "recorder",
+    "message = state of the recording: recording, paused, failed; values: bag, cause",
+)
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
+EVENTS = _reliable(
+    "/events",
+    STRING,
+    Rate.ON_REQUEST,
+    "*",
+    "text of something worth finding again in a recording, at the time of its arrival; anybody may publish one",
+)
 SIMULATED_PAYLOAD = _stream(
     "/simulation/payload",
     INERTIA_STAMPED,
@@ -210,7 +231,9 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         ROBOT_STATE,
         TRAJECTORY_STATE,
         DRIVE_STATES,
+        RECORDER_STATE,
         DIAGNOSTICS,
+        EVENTS,
         SIMULATED_PAYLOAD,
         SET_SIMULATED_PAYLOAD,
     )

@@ -11,15 +11,16 @@ import pytest
 from cspr_drivers.errors import ConfigurationError
 from cspr_drivers.simulation.plant import Plant, PlantError
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload, Pose, inverse_kinematics
+from cspr_kinematics import Payload, Pose, Pulleys, inverse_kinematics
 
 CONFIG = Path(__file__).parents[3] / "config" / "simulation.yaml"
 GRAVITY = 9.81
 
 
-@pytest.fixture(scope="module")
-def config() -> SimulationConfig:
-    return SimulationConfig.from_yaml(CONFIG)
+@pytest.fixture(scope="module", params=[0.0, 0.05], ids=["fixed", "pulleys"])
+def config(request: pytest.FixtureRequest) -> SimulationConfig:
+    config = SimulationConfig.from_yaml(CONFIG)
+    return dataclasses.replace(config, robot=config.robot.with_geometry(pulleys=Pulleys(request.param)))
 
 
 def carrying(config: SimulationConfig, mass: float) -> SimulationConfig:
@@ -201,6 +202,16 @@ def test_a_payload_beyond_the_cables_is_refused(config: SimulationConfig) -> Non
         ("payload.mass", "mass: 0.0  # kg", "mass: -5.0", "payload.mass"),
         ("unknown", "seed: 1", "seed: 1\nspeed: 3", "speed"),
         ("robot", "robot: robot.yaml", "robot: absent.yaml", "absent.yaml"),
+        ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {radius: -0.05}", "pulleys.radius = -0.05"),
+        ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {radius: [0.1, 0.1]}", "pulleys.radius"),
+        ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {}", "pulleys.radius"),
+        ("pulleys", "# pulleys: {radius: 0.05}", "pulleys: {radius: 0.1, mass: 1.0}", "pulleys.mass"),
+        (
+            "pulleys.swivel_axis",
+            "# pulleys: {radius: 0.05}",
+            "pulleys: {radius: 0.1, swivel_axis: [0, 0, 0]}",
+            "pulleys.swivel_axis",
+        ),
     ],
 )
 def test_a_wrong_value_is_named(tmp_path: Path, key: str, old: str, new: str, message: str) -> None:

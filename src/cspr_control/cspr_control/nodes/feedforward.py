@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,6 +17,7 @@ from cspr_control.feedforward import (
     Feedforward,
     FeedforwardModel,
     FeedforwardSettings,
+    Margins,
     PayloadSource,
     PayloadStatus,
     Setpoint,
@@ -22,7 +25,7 @@ from cspr_control.feedforward import (
 )
 from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
 from cspr_control.reference import ReferencePoint
-from cspr_kinematics import Acceleration, KinematicsError, Pose, Twist
+from cspr_kinematics import Acceleration, KinematicsError, Method, Pose, Twist, bounded_methods
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.errors import MessageError
@@ -40,8 +43,10 @@ class FeedforwardNode(Node):
         super().__init__("feedforward", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        names = self._declare_settings()
-        parameters = ChangeableParameters(self, names, _settings, self._apply)
+        methods = bounded_methods(robot.number_of_cables)
+        names = self._declare_settings(methods)
+        parameters = ChangeableParameters(self, names, partial(_settings, methods), self._apply)
+        self._robot = robot
         self._feedforward = Feedforward(robot, parameters.settings)
         self._reference_codec = ReferenceCodec()
         self._codec = JointStateCodec(motor_names(robot.number_of_cables))
@@ -58,9 +63,11 @@ class FeedforwardNode(Node):
         subscribe(self, PAYLOAD, self._on_payload)
         self._diagnostics = Diagnostics(self, self._status)
         # The first computation is slower than the others; it must not fall into a control cycle.
-        Feedforward(robot, parameters.settings).compute(0.0, ReferencePoint.at_rest(robot.home))
+        for method in (*methods, parameters.settings.tension_method):
+            settings = replace(parameters.settings, tension_method=method)
+            Margins.of(Feedforward(robot, settings).compute(0.0, ReferencePoint.at_rest(robot.home)), robot)
 
-    def _declare_settings(self) -> tuple[str, ...]:
+    def _declare_settings(self, methods: tuple[Method, ...]) -> tuple[str, ...]:
         default = FeedforwardSettings()
         models = ", ".join(model.value for model in FeedforwardModel)
         sources = ", ".join(source.value for source in PayloadSource)
@@ -98,10 +105,16 @@ class FeedforwardNode(Node):
             self,
             "switch_slew",
             default.switch_slew,
-            "Fastest change of a motor's torque by a switch of model or payload",
+            "Fastest change of a motor's torque by a switch of model, payload or tension method",
             minimum=1e-3,
             maximum=1e4,
             unit="N m/s",
+        )
+        declare(
+            self,
+            "tension_method",
+            default.tension_method,
+            f"How the wrench is distributed over the cables: {', '.join(methods)}",
         )
         return (
             "model",
@@ -111,6 +124,7 @@ class FeedforwardNode(Node):
             "max_payload",
             "payload_timeout",
             "switch_slew",
+            "tension_method",
         )
 
     def _apply(self, settings: FeedforwardSettings) -> None:
@@ -161,6 +175,7 @@ class FeedforwardNode(Node):
         values: dict[str, Any] = {
             "model": settings.model.value,
             "payload_source": settings.payload_source.value,
+            "tension_method": settings.tension_method,
             "setpoints": self._setpoints,
             "infeasible_setpoints": self._infeasible,
             "refused_references": self._refused_references,
@@ -175,10 +190,16 @@ class FeedforwardNode(Node):
                 "highest_tension": f"{newest.tensions.max():.1f}",
                 "wrench_residual": f"{newest.wrench_residual:.3g}",
             }
+            if settings.model is not FeedforwardModel.NONE:
+                margins = Margins.of(newest, self._robot)
+                values |= {
+                    "tension_margin": f"{margins.tension:.1f}",
+                    "wrench_margin": f"{margins.wrench:.1f}",
+                }
         return [diagnostic_status(self.get_name(), level, text, values)]
 
 
-def _settings(values: dict[str, Any]) -> FeedforwardSettings:
+def _settings(methods: tuple[Method, ...], values: dict[str, Any]) -> FeedforwardSettings:
     try:
         model = FeedforwardModel(values["model"])
         source = PayloadSource(values["payload_source"])
@@ -187,6 +208,10 @@ def _settings(values: dict[str, Any]) -> FeedforwardSettings:
             f"{error}; models are {', '.join(m.value for m in FeedforwardModel)}, payload sources "
             f"{', '.join(s.value for s in PayloadSource)}"
         ) from error
+    if values["tension_method"] not in methods:
+        raise SettingError(
+            f"tension_method is {values['tension_method']!r}; for this robot there are {', '.join(methods)}"
+        )
     return FeedforwardSettings(
         model=model,
         payload_source=source,
@@ -199,6 +224,7 @@ def _settings(values: dict[str, Any]) -> FeedforwardSettings:
         max_payload=values["max_payload"],
         payload_timeout=values["payload_timeout"],
         switch_slew=values["switch_slew"],
+        tension_method=values["tension_method"],
     )
 
 

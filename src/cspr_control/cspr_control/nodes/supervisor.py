@@ -46,6 +46,7 @@ from cspr_msgs_py.topics import (
     DRIVE_STATES,
     MOTOR_STATES,
     PLATFORM_POSE,
+    RECORDER_STATE,
     ROBOT_STATE,
     SETPOINT,
     TRAJECTORY_STATE,
@@ -93,6 +94,7 @@ class SupervisorNode(Node):
         self._arrived: dict[MonitoredInput, tuple[float, bytes]] = {}  # not looked into yet
         self._unusable = 0
         self._problem = ""
+        self._recorder_problem = ""
         self._published_state: tuple[str, ...] = ()
         self._publisher = advertise(self, ROBOT_STATE)
         self._action_clients = {
@@ -108,6 +110,7 @@ class SupervisorNode(Node):
         subscribe(self, PLATFORM_POSE, self._on_pose)
         subscribe(self, DRIVE_STATES, self._on_drive_states)
         subscribe(self, TRAJECTORY_STATE, self._on_trajectory_state)
+        subscribe(self, RECORDER_STATE, self._on_recorder_state)
         for name, command in (
             ("enable", self._supervisor.enable),
             ("stop", self._supervisor.stop),
@@ -204,6 +207,12 @@ class SupervisorNode(Node):
         except ValueError:
             self._refuse(f"{TRAJECTORY_STATE.name} carries an unknown phase, {phase!r}")
 
+    def _on_recorder_state(self, message: DiagnosticStatus) -> None:
+        _, level, _, values = from_diagnostic_status(message)
+        self._recorder_problem = values.get("cause", "") if level >= Level.ERROR else ""
+        if self._recorder_problem:  # the robot goes on: what it does is as safe as before
+            self.get_logger().error(f"recorder: {self._recorder_problem}")
+
     def _refuse(self, problem: str) -> None:
         self._unusable += 1
         self._problem = problem
@@ -263,6 +272,8 @@ class SupervisorNode(Node):
         level, text = Level.OK, supervisor.state.value
         if supervisor.fault is not None:
             level, text = Level.ERROR, f"fault: {supervisor.fault}"
+        elif self._recorder_problem:
+            level, text = Level.WARN, f"{text}; recorder: {self._recorder_problem}"
         values: dict[str, Any] = {
             f"age_{source.name.lower()}": f"{supervisor.checks.age(source, now):.3f}"
             for source in MonitoredInput

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from cspr_drivers import clock
 from cspr_drivers.can_bus import CanPorts, open_ports
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.load_cell_master import LoadCellMaster
@@ -57,7 +57,7 @@ class LoadCells(Node):
         self._master = LoadCellMaster(self.config, self.ports, self._publish, self.get_logger().warning)
         self._master.start()
         self.create_service(Trigger, "~/tare", self._tare)
-        steady_timer(self, WATCH_PERIOD, lambda: self._master.watch(time.monotonic()))
+        steady_timer(self, WATCH_PERIOD, lambda: self._master.watch(clock.monotonic()))
         self._diagnostics = Diagnostics(self, self._report)
 
     def make_safe(self) -> None:
@@ -80,7 +80,7 @@ class LoadCells(Node):
         return response
 
     def _report(self) -> list[DiagnosticStatus]:
-        status = load_cell_diagnostics(self._master.snapshot(time.monotonic()))
+        status = load_cell_diagnostics(self._master.snapshot(clock.monotonic()))
         return [status, *(bus_status("load_cells", port) for port in self.ports)]
 
 

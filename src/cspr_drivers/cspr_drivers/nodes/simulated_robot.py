@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
 from rclpy.node import Node
 
+from cspr_drivers import clock
 from cspr_drivers.can_bus import open_ports
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives, load_config
@@ -47,6 +47,17 @@ class SimulatedRobot(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("simulated_robot", **options)
+        clock.set_speed(
+            declare(
+                self,
+                "speed",
+                1.0,
+                "seconds of the machine in a second of the computer; below 1, a slow computer keeps up with it",
+                minimum=0.01,
+                maximum=1.0,
+                read_only=True,
+            )
+        )
         self.config = on_virtual_buses(load_config(self))
         path = declare(
             self,
@@ -81,7 +92,7 @@ class SimulatedRobot(Node):
         if self._emulator.failure is not None:
             raise self._emulator.failure
         payload = self._emulator.payload
-        self._payload.publish(inertia_stamped(time.time_ns(), payload.mass, payload.center_of_mass))
+        self._payload.publish(inertia_stamped(clock.time_ns(), payload.mass, payload.center_of_mass))
         slack = self._emulator.slack_cables()
         for cable in sorted(set(slack) - set(self._slack)):
             self._slack_events += 1

@@ -1,7 +1,8 @@
 """The simulated machine: platform, payload, elastic cables and winches in MuJoCo.
 
 MuJoCo integrates the rigid bodies and the winch shafts (inertia, dry and viscous friction, brake) and measures
-the geometric length of each cable. The law of the cables stands in `cable_force`.
+the geometric length of each cable. The law of the cables, and their way over pulleys, stand in `cable_force`. Pulleys
+have neither mass nor friction: before each step the cable's end at the frame is moved to where it leaves its pulley.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.cable_force import cable_and_motor_forces
+from cspr_drivers.simulation.cable_force import cable_and_motor_forces, lead_over_pulleys
 from cspr_drivers.simulation.simulation_config import CableProperties, SimulationConfig
 from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
 
@@ -70,6 +71,18 @@ class Plant:
         self._tensions = np.zeros(m)
         self._brake_share = np.ones(m)
         self._pay_out = robot.winch.ratio  # m of cable per rad of the motor
+        exits = [self._model.site(f"exit_{i}").id for i in range(m)]
+        platform = int(self._model.joint("platform").qposadr[0])
+        self._pulleys = (
+            robot.exit_points,
+            robot.anchor_points,
+            robot.pulleys.radii(m),
+            robot.pulleys.axes(m),
+            self._data.qpos[platform : platform + 7],
+            self._model.site_pos[exits[0] : exits[-1] + 1],
+        )
+        self._has_pulleys = bool(robot.pulleys.radii(m).any())
+        self._wrapped = np.zeros(m)
         cables = self._cables
         self._cable_constants = np.array(
             [self._pay_out, cables.axial_stiffness, cables.damping_time, cables.dead_length]
@@ -79,6 +92,7 @@ class Plant:
         self._free_lengths_at_home = self._equilibrium_free_lengths()
         for index in range(m):
             self.set_brake(index, closed=True)
+        self._turn_pulleys()
         mujoco.mj_forward(self._model, self._data)
         self._apply_forces()
 
@@ -177,7 +191,7 @@ class Plant:
         Raises
         ------
         PlantError
-            If the integration diverges.
+            If the integration diverges, or an anchor point gets into its pulley.
         """
         data, model = self._data, self._model
         span = time - data.time
@@ -186,11 +200,22 @@ class Plant:
         steps = math.ceil(span / self._config.time_step - 1e-6)
         model.opt.timestep = span / steps
         for _ in range(steps):
+            if self._has_pulleys:
+                self._turn_pulleys()
             mujoco.mj_step1(model, data)  # lengths and rates of the present state
             self._apply_forces()
             mujoco.mj_step2(model, data)
         if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
             raise PlantError(f"the simulated machine diverged at t = {data.time:.4f} s")
+
+    def _turn_pulleys(self) -> None:
+        """Let the cables leave their pulleys where they do at the present pose; nothing without pulleys."""
+        inside = lead_over_pulleys(*self._pulleys, self._wrapped)
+        if inside >= 0:
+            raise PlantError(
+                f"cable {inside + 1} of the simulated machine has its anchor point inside its pulley at "
+                f"t = {self._data.time:.4f} s"
+            )
 
     def _apply_forces(self) -> None:
         """Set the forces of cables and drives from lengths, rates, angles and speeds as they are."""
@@ -198,6 +223,7 @@ class Plant:
         cable_and_motor_forces(
             data.ten_length,
             data.ten_velocity,
+            self._wrapped,
             data.qpos[self._shaft_position],
             data.qvel[self._shaft],
             self._free_lengths_at_home,
@@ -238,7 +264,7 @@ def _mjcf(robot: Robot, time_step: float) -> str:
   <option timestep="{time_step!r}" gravity="0 0 -9.81" integrator="Euler"><flag contact="disable"/></option>
   <compiler autolimits="true" angle="radian"/>
   <worldbody>{exits}
-    <body name="platform" pos="{_row(home.position)}" quat="{_row((w, x, y, z))}"><freejoint/>
+    <body name="platform" pos="{_row(home.position)}" quat="{_row((w, x, y, z))}"><freejoint name="platform"/>
       <inertial pos="{_row(body.center_of_mass)}" mass="{body.mass!r}" fullinertia="{_row(full)}"/>{anchors}
       <body name="payload"><inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/></body>
     </body>{shafts}

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from time import sleep
 from types import TracebackType
 
+import can
 import canopen
 
-from cspr_drivers.can_bus import open_bus
+from cspr_drivers import clock
+from cspr_drivers.can_bus import QuickVirtualBus, open_bus
 from cspr_drivers.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.errors import BusError, ConfigurationError, DriverError
 from cspr_drivers.frame_table import SYNC_COB_ID
@@ -110,8 +112,9 @@ class RobotEmulator:
             )
             for index, config in enumerate(can_config.load_cells)
         )
-        # a cycle brings one torque a drive; the next SYNC applies what is there when one is missing
-        self.machine.inputs_at_once = len(self.drives)
+        # The torques of a cycle are applied while the amplifiers convert, or by the next SYNC: whoever sends them
+        # need not wait for the plant.
+        self.machine.inputs_at_once = 2 * len(self.drives)
         self._nodes: tuple[EmulatedNode, ...] = (*self.drives, *self.load_cells)
         self._networks: list[canopen.Network] = []
         self.missed_syncs = 0
@@ -125,8 +128,12 @@ class RobotEmulator:
         try:
             for bus in can_config.buses:
                 network = canopen.Network(open_bus(bus))
-                network.NOTIFIER_CYCLE = _LONGEST_CLOSING
-                self._networks.append(network.connect())
+                self._networks.append(network)
+                if isinstance(network.bus, QuickVirtualBus):
+                    network.bus.deliver_to(partial(self._deliver, network))
+                else:
+                    network.NOTIFIER_CYCLE = _LONGEST_CLOSING
+                    network.connect()
                 for config, node in zip(node_configs, self._nodes, strict=True):
                     if config.bus == bus.name:
                         network.add_node(node)
@@ -160,8 +167,7 @@ class RobotEmulator:
             if thread.is_alive():
                 thread.join()
         for network in self._networks:
-            network.notifier.stop()
-            network.bus.shutdown()
+            network.disconnect()
         self._networks = []
 
     @property
@@ -199,6 +205,17 @@ class RobotEmulator:
         tensions = self.machine.newest_measurement.tensions
         return tuple(index for index, tension in enumerate(tensions) if tension <= 0.0)
 
+    def _deliver(self, network: canopen.Network, message: can.Message) -> None:
+        """Give a frame to the devices of a network, in the thread of its sender."""
+        if message.is_error_frame or message.is_remote_frame:
+            return
+        try:
+            network.notify(message.arbitration_id, message.data, message.timestamp)
+        except Exception as error:  # the sender has no part in what goes wrong in a device
+            if self.machine.failure is None:
+                self.machine.failure = DriverError(f"an emulated device failed: {error!r}")
+                traceback.print_exception(error)
+
     def _on_sync(
         self,
         drives: tuple[EmulatedNode, ...],
@@ -216,9 +233,7 @@ class RobotEmulator:
             machine.advance(time, exactly=True)
             for node in drives:
                 node.sync(time)
-            # Drives come first on a real bus too, by their identifiers; whoever waits for them goes on while the
-            # amplifiers convert.
-            sleep(0)
+            # Drives come first on a real bus too, by their identifiers.
             if self._conversion_time == 0.0:
                 for node in load_cells:
                     node.sync(time)
@@ -234,10 +249,11 @@ class RobotEmulator:
         machine = self.machine
         while (conversion := self._conversions.get()) is not None:
             time, load_cells = conversion
-            sleep(max(0.0, time + self._conversion_time - machine.now()))
+            clock.sleep(max(0.0, time + self._conversion_time - machine.now()))
             with machine.lock:
                 for node in load_cells:
                     node.answer(time)
+                machine.apply_arrived(machine.now())
 
     def _keep_time(self) -> None:
         machine = self.machine
@@ -245,7 +261,7 @@ class RobotEmulator:
         while True:
             settled = all(drive.automaton.settled for drive in self.drives)
             due += _IDLE_TICK if settled else _TICK
-            if self._stopping.wait(max(0.0, due - machine.now())):
+            if self._stopping.wait(clock.on_computer(max(0.0, due - machine.now()))):
                 return
             machine.align()
             with machine.lock:

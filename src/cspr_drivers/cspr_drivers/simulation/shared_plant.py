@@ -7,13 +7,12 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import monotonic
-from time import time as system_time
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_drivers import clock
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.simulation_config import PayloadChange
 from cspr_kinematics import Payload
@@ -122,7 +121,8 @@ class SharedPlant:
     payload_changes
         Payloads that arrive by themselves.
     steady_clock, system_clock
-        Clocks, s. Plant time runs with the steady one; frames are stamped with the system clock.
+        Clocks, s; the machine's by default. Plant time runs with the steady one; frames are stamped with the
+        system clock.
 
     Attributes
     ----------
@@ -140,17 +140,17 @@ class SharedPlant:
         self,
         plant: PlantModel,
         payload_changes: tuple[PayloadChange, ...] = (),
-        steady_clock: Callable[[], float] = monotonic,
-        system_clock: Callable[[], float] = system_time,
+        steady_clock: Callable[[], float] | None = None,
+        system_clock: Callable[[], float] | None = None,
     ) -> None:
         self.plant = plant
         self.lock = threading.RLock()
         self.failure: DriverError | None = None
         self.inputs_at_once = 1
-        self._steady_clock = steady_clock
-        self._system_clock = system_clock
-        self._steady_start = steady_clock()
-        self._system_start = system_clock()
+        self._steady_clock = steady_clock or clock.monotonic
+        self._system_clock = system_clock or clock.time
+        self._steady_start = self._steady_clock()
+        self._system_start = self._system_clock()
         self._arrived: deque[tuple[float, Callable[[], None]]] = deque()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
         self._time = plant.time

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspr_drivers.config_section import ConfigSection
 from cspr_drivers.errors import ConfigurationError
-from cspr_kinematics import KinematicsError, Payload, RigidBody, Robot
+from cspr_kinematics import InvalidInputError, KinematicsError, Payload, Pulleys, RigidBody, Robot
 
 FloatArray = NDArray[np.float64]
 
@@ -209,16 +209,22 @@ def _true_robot(believed: Robot, section: ConfigSection) -> Robot:
         coulomb_friction=believed.motor.coulomb_friction * section.number("coulomb_friction_ratio", 0.0),
         viscous_friction=believed.motor.viscous_friction * section.number("viscous_friction_ratio", 0.0),
     )
-    exit_points = believed.exit_points + section.array("exit_point_errors", m, 3)
-    anchor_points = believed.anchor_points + section.array("anchor_point_errors", m, 3)
-    section.finish()
-    home = believed.home
-    home_lengths = np.linalg.norm(exit_points - home.position - anchor_points @ home.rotation.T, axis=-1)
-    return dataclasses.replace(
-        believed,
-        exit_points=exit_points,
-        anchor_points=anchor_points,
-        platform=platform,
-        motor=motor,
-        winch=dataclasses.replace(believed.winch, home_lengths=home_lengths),
+    robot = believed.with_geometry(
+        exit_points=believed.exit_points + section.array("exit_point_errors", m, 3),
+        anchor_points=believed.anchor_points + section.array("anchor_point_errors", m, 3),
+        pulleys=_pulleys(section.section("pulleys"), m) if "pulleys" in section else believed.pulleys,
     )
+    section.finish()
+    return dataclasses.replace(robot, platform=platform, motor=motor)
+
+
+def _pulleys(section: ConfigSection, number_of_cables: int) -> Pulleys:
+    radius = section.array_or_row("radius", number_of_cables)
+    try:
+        pulleys = Pulleys(radius)
+        if "swivel_axis" in section:
+            pulleys = Pulleys(radius, section.array_or_row("swivel_axis", number_of_cables, 3))
+    except InvalidInputError as error:
+        raise section.error(error.name, error.reason) from error
+    section.finish()
+    return pulleys

@@ -82,6 +82,27 @@ def cable_path(
 
 
 @kernel
+def path_at(
+    geometry: FloatArray, cable: int, position: FloatArray, rotation: FloatArray
+) -> tuple[int, float, float, float, float, float, float, float, float]:
+    """Return what `cable_path` does for a cable at a pose, and its arm r = Q b."""
+    bx, by, bz = geometry[cable, 3], geometry[cable, 4], geometry[cable, 5]
+    rx = rotation[0, 0] * bx + rotation[0, 1] * by + rotation[0, 2] * bz
+    ry = rotation[1, 0] * bx + rotation[1, 1] * by + rotation[1, 2] * bz
+    rz = rotation[2, 0] * bx + rotation[2, 1] * by + rotation[2, 2] * bz
+    fault, length, free, ux, uy, uz = cable_path(
+        position[0] + rx - geometry[cable, 0],
+        position[1] + ry - geometry[cable, 1],
+        position[2] + rz - geometry[cable, 2],
+        geometry[cable, 6],
+        geometry[cable, 7],
+        geometry[cable, 8],
+        geometry[cable, 9],
+    )
+    return fault, length, free, ux, uy, uz, rx, ry, rz
+
+
+@kernel
 def cables_at_pose(
     geometry: FloatArray,
     position: FloatArray,
@@ -95,19 +116,7 @@ def cables_at_pose(
 ) -> tuple[int, int]:
     """Fill in the cables (m, ...) at one pose; return the first fault and the index of its cable."""
     for i in range(geometry.shape[0]):
-        bx, by, bz = geometry[i, 3], geometry[i, 4], geometry[i, 5]
-        rx = rotation[0, 0] * bx + rotation[0, 1] * by + rotation[0, 2] * bz
-        ry = rotation[1, 0] * bx + rotation[1, 1] * by + rotation[1, 2] * bz
-        rz = rotation[2, 0] * bx + rotation[2, 1] * by + rotation[2, 2] * bz
-        fault, length, free, ux, uy, uz = cable_path(
-            position[0] + rx - geometry[i, 0],
-            position[1] + ry - geometry[i, 1],
-            position[2] + rz - geometry[i, 2],
-            geometry[i, 6],
-            geometry[i, 7],
-            geometry[i, 8],
-            geometry[i, 9],
-        )
+        fault, length, free, ux, uy, uz, rx, ry, rz = path_at(geometry, i, position, rotation)
         if fault != PATH_EXISTS:
             return fault, i
         mx, my, mz = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
@@ -157,24 +166,8 @@ def lengths_at_poses(
 ) -> tuple[int, int, int]:
     """Fill in the cable lengths alone, which are also known where an anchor point is on its swivel axis."""
     for n in range(positions.shape[0]):
-        position, rotation = positions[n], rotations[n]
         for i in range(geometry.shape[0]):
-            bx, by, bz = geometry[i, 3], geometry[i, 4], geometry[i, 5]
-            fault, length, _, _, _, _ = cable_path(
-                position[0]
-                + (rotation[0, 0] * bx + rotation[0, 1] * by + rotation[0, 2] * bz)
-                - geometry[i, 0],
-                position[1]
-                + (rotation[1, 0] * bx + rotation[1, 1] * by + rotation[1, 2] * bz)
-                - geometry[i, 1],
-                position[2]
-                + (rotation[2, 0] * bx + rotation[2, 1] * by + rotation[2, 2] * bz)
-                - geometry[i, 2],
-                geometry[i, 6],
-                geometry[i, 7],
-                geometry[i, 8],
-                geometry[i, 9],
-            )
+            fault, length, _, _, _, _, _, _, _ = path_at(geometry, i, positions[n], rotations[n])
             if fault not in (PATH_EXISTS, ON_SWIVEL_AXIS):
                 return fault, i, n
             lengths[n, i] = length

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..compiled import kernel
-from .cable_kernels import ON_SWIVEL_AXIS, PATH_EXISTS, cable_path
+from .cable_kernels import ON_SWIVEL_AXIS, PATH_EXISTS, path_at
 from .linear_kernels import assign_matrix, assign_vector, solve_positive
 from .rotation_kernels import turn
 
@@ -40,19 +40,7 @@ def length_errors(
     """Fill in length errors and Jacobian; return half their weighted square sum, infinite without a path."""
     cost = 0.0
     for i in range(geometry.shape[0]):
-        bx, by, bz = geometry[i, 3], geometry[i, 4], geometry[i, 5]
-        rx = rotation[0, 0] * bx + rotation[0, 1] * by + rotation[0, 2] * bz
-        ry = rotation[1, 0] * bx + rotation[1, 1] * by + rotation[1, 2] * bz
-        rz = rotation[2, 0] * bx + rotation[2, 1] * by + rotation[2, 2] * bz
-        fault, length, _, ux, uy, uz = cable_path(
-            position[0] + rx - geometry[i, 0],
-            position[1] + ry - geometry[i, 1],
-            position[2] + rz - geometry[i, 2],
-            geometry[i, 6],
-            geometry[i, 7],
-            geometry[i, 8],
-            geometry[i, 9],
-        )
+        fault, length, _, ux, uy, uz, rx, ry, rz = path_at(geometry, i, position, rotation)
         if fault not in (PATH_EXISTS, ON_SWIVEL_AXIS):
             return math.inf
         error[i] = length - target[i]

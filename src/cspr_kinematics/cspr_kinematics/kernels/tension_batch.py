@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..arrays import BoolArray, FloatArray
 from ..compiled import kernel
+from .separating_direction import separating_direction_kernel
 from .tension_kernels import (
     EXACT,
     INFEASIBLE,
@@ -16,39 +17,22 @@ from .tension_kernels import (
     centroid_kernel,
     minimum_norm_kernel,
     reached_kernel,
-    separating_direction_kernel,
 )
 
 # A tension counts as at its limit within this share of the larger limit.
 ACTIVE_TOLERANCE = 1e-9
 
 
-@kernel
-def minimum_norm_batch(
-    A: FloatArray,
-    w: FloatArray,
-    first: int,
-    after_last: int,
-    tensions: FloatArray,
-    status: NDArray[np.int64],
-    steps: NDArray[np.int64],
-    direction: FloatArray,
-    separation: FloatArray,
-) -> int:
-    """Write the minimum-norm tensions (n, m) of wrenches `first` to `after_last`; the rest is as below."""
-    singular = 0
-    for k in range(first, after_last):
-        direction[k] = np.nan
-        separation[k] = np.nan
-        status[k], _, steps[k] = minimum_norm_kernel(
-            A[k if A.shape[0] > 1 else 0], w[k if w.shape[0] > 1 else 0], tensions[k]
-        )
-        singular += status[k] == SINGULAR
-    return singular
+# What the tensions shall be.
+MINIMUM_NORM = 0
+CLOSEST = 1
+CENTROID = 2
+ANALYTIC_CENTER = 3
 
 
 @kernel
-def bounded_batch(
+def distribute_batch(
+    method: int,
     A: FloatArray,
     w: FloatArray,
     t_min: FloatArray,
@@ -63,20 +47,22 @@ def bounded_batch(
     direction: FloatArray,
     separation: FloatArray,
 ) -> int:
-    """Find bounded tensions for wrenches `first` to `after_last` of a batch of n.
+    """Find tensions for wrenches `first` to `after_last` of a batch of n.
 
     Parameters
     ----------
+    method : int
+        MINIMUM_NORM, CLOSEST, CENTROID or ANALYTIC_CENTER.
     A : numpy.ndarray, shape (n or 1, 6, m)
     w : numpy.ndarray, shape (n or 1, 6)
     t_min, t_max, t_reference : numpy.ndarray, shape (n or 1, m)
     weights : numpy.ndarray, shape (6,)
     tensions : numpy.ndarray, shape (n, m)
-        Receives the tensions.
+        Receives the tensions; nothing for a singular wrench matrix and MINIMUM_NORM.
     status, steps : numpy.ndarray of int, shape (n,)
         Receive a `TensionStatus` and the steps of the solvers.
     direction : numpy.ndarray, shape (n, 6)
-        Receives the separating direction of each wrench out of reach; NaN for the others.
+        Receives the separating direction of each wrench out of reach of a bounded method; NaN for the others.
     separation : numpy.ndarray, shape (n,)
         Receives the distance that each of them proves; NaN for the others.
 
@@ -93,7 +79,14 @@ def bounded_batch(
         high = t_max[k if t_max.shape[0] > 1 else 0]
         reference = t_reference[k if t_reference.shape[0] > 1 else 0]
         t = tensions[k]
-        status[k], _, steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
+        if method == MINIMUM_NORM:
+            status[k], _, steps[k] = minimum_norm_kernel(a, b, t)
+        else:
+            status[k], _, steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
+            if status[k] == EXACT and method == CENTROID:
+                steps[k] += centroid_kernel(a, b, low, high, t)
+            elif status[k] == EXACT and method == ANALYTIC_CENTER:
+                steps[k] += analytic_center_kernel(a, b, low, high, t)
         singular += status[k] == SINGULAR
         direction[k] = np.nan
         separation[k] = np.nan
@@ -101,54 +94,6 @@ def bounded_batch(
             gap = separating_direction_kernel(a, b, low, high, t, weights, direction[k])
             separation[k] = gap if gap > 0.0 else np.nan
     return singular
-
-
-@kernel
-def centroid_batch(
-    A: FloatArray,
-    w: FloatArray,
-    t_min: FloatArray,
-    t_max: FloatArray,
-    first: int,
-    after_last: int,
-    tensions: FloatArray,
-    status: NDArray[np.int64],
-    steps: NDArray[np.int64],
-) -> None:
-    """Move the feasible ones of the tensions to the centroid; arguments as above."""
-    for k in range(first, after_last):
-        if status[k] == EXACT:
-            steps[k] += centroid_kernel(
-                A[k if A.shape[0] > 1 else 0],
-                w[k if w.shape[0] > 1 else 0],
-                t_min[k if t_min.shape[0] > 1 else 0],
-                t_max[k if t_max.shape[0] > 1 else 0],
-                tensions[k],
-            )
-
-
-@kernel
-def analytic_center_batch(
-    A: FloatArray,
-    w: FloatArray,
-    t_min: FloatArray,
-    t_max: FloatArray,
-    first: int,
-    after_last: int,
-    tensions: FloatArray,
-    status: NDArray[np.int64],
-    steps: NDArray[np.int64],
-) -> None:
-    """Move the feasible ones of the tensions to the analytic centre; arguments as above."""
-    for k in range(first, after_last):
-        if status[k] == EXACT:
-            steps[k] += analytic_center_kernel(
-                A[k if A.shape[0] > 1 else 0],
-                w[k if w.shape[0] > 1 else 0],
-                t_min[k if t_min.shape[0] > 1 else 0],
-                t_max[k if t_max.shape[0] > 1 else 0],
-                tensions[k],
-            )
 
 
 @kernel
@@ -169,7 +114,7 @@ def assess_kernel(
 
     Returns whether all errors are finite, which they are not for any wrench or matrix that is not.
 
-    The inputs are those of `bounded_batch`; residual_wrench (n, 6), residual, margin and feasible (n,),
+    The inputs are those of `distribute_batch`; residual_wrench (n, 6), residual, margin and feasible (n,),
     active (n, m).
     """
     m = tensions.shape[1]

@@ -3,58 +3,43 @@
 The topics of the table are subscribed at once, any other when it appears in the graph. No message is decoded.
 """
 
-import importlib.metadata
-import platform
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
+from rclpy.qos import QoSProfile
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
-from cspr_msgs_py.bag_file import Attachment, BagFile, Compression
+from cspr_msgs_py.bag_file import LOST, Attachment, BagFile, Compression, Split
 from cspr_msgs_py.bag_metadata import RecordedTopic
 from cspr_msgs_py.bag_writer import BagWriter
+from cspr_msgs_py.cdr import NANOSECONDS
 from cspr_msgs_py.conversions import Level, diagnostic_status
 from cspr_msgs_py.errors import MessageError, StartError
-from cspr_msgs_py.message_definitions import message_class, message_definition
-from cspr_msgs_py.nodes.process import LEAN_NODE, Diagnostics, declare, run_nodes, steady_timer
+from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
+from cspr_msgs_py.nodes.recorder_intake import Intake
 from cspr_msgs_py.nodes.scheduling import set_niceness
-from cspr_msgs_py.qos import qos_profile
-from cspr_msgs_py.topics import graph_topics
+from cspr_msgs_py.qos import compatible_profile, offered_qos, qos_profile
+from cspr_msgs_py.recording_information import recording_information
+from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
 
 GRAPH_PERIOD = 0.5  # s between two looks for new topics
 
 _POLL_PERIOD = 0.02  # s
-
-# What may arrive between two polls, and much more: the recorder is niced and may get its turn late.
-_DEPTH = 500
+_MEGABYTE = 1_000_000
 
 _FIXED_TOPICS = {topic.name: topic for topic in graph_topics(0)}
 
 
-@dataclass
-class _Source:
-    """A topic that is recorded, and its place in the bag once a message has come."""
-
-    name: str
-    type_name: str
-    subscription: Subscription
-    index: int | None = None
-
-
-def _never_called(message: bytes) -> None:
-    raise AssertionError("the intake's subscriptions are polled, not spun")
-
-
 class Recorder(Node):
-    """Subscribes to every topic and hands its bytes to the bag.
+    """Subscribes to every topic, or those that are asked for, and hands the bytes to the bag.
 
     Parameters
     ----------
@@ -69,33 +54,74 @@ class Recorder(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("recorder", **options)
-        # Its subscriptions are polled: to be woken for every message would cost several times more, at the
-        # expense of the control loop, than to take what has arrived fifty times a second.
-        self._intake = Node("_recorder_intake", **{**LEAN_NODE, **options})
-        self._sources: list[_Source] = []
-        self._recorded: set[str] = set()
         self._refused: set[str] = set()  # topics that cannot be recorded
         self._failed = False
+        names = declare(
+            self,
+            "topics",
+            [""],
+            f"topics to record besides {EVENTS.name}; all, those that appear later too, if empty",
+            read_only=True,
+        )
+        self._chosen = {self.resolve_topic_name(name) for name in names if name}
+        self._recorded = self._chosen and self._chosen | {EVENTS.name}
+        self._set_niceness()
         self._bag = self._create_bag()
         self._writer = BagWriter(self._bag)
-        for topic in _FIXED_TOPICS.values():
-            self._record(topic.name, topic.type, qos_profile(topic))
+        self._intake = Intake(
+            options, lambda *topic: self._writer.add_topic(self._describe(*topic)), self._writer.write
+        )
+        self._events = advertise(self, EVENTS)
+        self._marks = 0
+        for name, topic in _FIXED_TOPICS.items():
+            if not self._recorded or name in self._recorded:
+                self._intake.subscribe(name, topic.type, qos_profile(topic), topic.latched)
         self._look_for_topics()
         self._recording_timers = (
             steady_timer(self, GRAPH_PERIOD, self._look_for_topics),
-            steady_timer(self, _POLL_PERIOD, self._poll),
+            steady_timer(self, _POLL_PERIOD, self._intake.poll),
         )
+        for name, action in (
+            ("pause", self._pause),
+            ("resume", self._resume),
+            ("split", self._split),
+            ("mark", self._mark),
+        ):
+            self.create_service(Trigger, f"~/{name}", _answer(action))
+        self._state = advertise(self, RECORDER_STATE)
         self._diagnostics = Diagnostics(self, self._status)
+        self._publish_state("recording")
         self.get_logger().info(f"recording to {self._bag.directory}")
 
     def make_safe(self) -> None:
         """Write what waits and finish the bag."""
-        if self._failed:  # said already, when it ended the process
-            return
-        self._poll()
-        self._writer.close()
+        self._intake.poll()
+        lost = self._intake.lost
+        self._writer.close({LOST: {name: str(number) for name, number in lost.items()}} if lost else {})
         total, dropped = sum(self._writer.counts.values()), sum(self._writer.drops.values())
-        self.get_logger().info(f"recorded {total} messages, dropped {dropped}, in {self._bag.directory}")
+        self.get_logger().info(
+            f"recorded {total} messages, dropped {dropped}, lost {lost.total()} on their way, "
+            f"in {self._bag.directory}"
+        )
+
+    def destroy_node(self) -> None:
+        """Destroy the node and the one that holds its subscriptions."""
+        self._intake.destroy()
+        super().destroy_node()
+
+    def _set_niceness(self) -> None:
+        niceness = declare(
+            self,
+            "nice",
+            5,
+            "nice level of taking and writing messages",
+            minimum=0,
+            maximum=19,
+            read_only=True,
+        )
+        refusal = set_niceness(niceness)
+        if refusal is not None:
+            self.get_logger().warning(refusal)
 
     def _create_bag(self) -> BagFile:
         output = declare(
@@ -105,127 +131,149 @@ class Recorder(Node):
             "directory of the bag, which must not exist yet; runs/<UTC time>/bag if empty",
             read_only=True,
         )
-        attach = declare(self, "attach", [""], "configuration files to keep inside the bag", read_only=True)
-        compression = declare(self, "compression", "zstd", "of the bag: zstd, lz4 or none", read_only=True)
-        niceness = declare(
-            self, "nice", 5, "nice level of this process", minimum=0, maximum=19, read_only=True
+        attach = declare(
+            self, "attach", [""], "files to keep inside the bag; config/*.yaml if empty", read_only=True
         )
+        compression = declare(self, "compression", "zstd", "of the bag: zstd, lz4 or none", read_only=True)
+        size = declare(
+            self, "split_size", 0.0, "go on in a new file at this size, 0 for never",
+            minimum=0.0, unit="MB", read_only=True,
+        )  # fmt: skip
+        duration = declare(
+            self, "split_duration", 0.0, "go on in a new file after this time, 0 for never",
+            minimum=0.0, unit="s", read_only=True,
+        )  # fmt: skip
         rate = declare(
             self, "control_rate", 250.0, "noted in the bag", minimum=0.0, unit="Hz", read_only=True
         )
         if compression not in {member.value for member in Compression}:
             raise StartError(f"parameter compression: {compression!r} is none of zstd, lz4, none")
-        refusal = set_niceness(niceness)
-        if refusal is not None:
-            self.get_logger().warning(refusal)
         started = datetime.now(UTC)
+        attached = [path for path in attach if path] or sorted(map(str, Path("config").glob("*.yaml")))
         return BagFile(
             output or Path("runs") / started.strftime("%Y%m%dT%H%M%SZ") / "bag",
-            _information(started, rate),
-            [Attachment.from_file(path) for path in attach if path],
+            recording_information(started, rate),
+            [Attachment.from_file(path) for path in attached],
             Compression(compression),
             start_ns=time.time_ns(),
+            split=Split(round(size * _MEGABYTE), round(duration * NANOSECONDS)),
         )
 
     def _look_for_topics(self) -> None:
-        """Subscribe to what has appeared in the graph; end the process if the bag cannot be written."""
-        if self._writer.error is not None:
+        """Subscribe to what has appeared in the graph; say so if the bag cannot be written any more."""
+        if self._writer.error is not None and not self._failed:
             self._failed = True
-            raise self._writer.error
+            self.get_logger().fatal(f"{self._writer.error}; what was recorded before is in the bag")
+            self._publish_state("failed", Level.ERROR, str(self._writer.error))
+            self._diagnostics.publish()
         for name, types in self.get_topic_names_and_types():
-            if name in self._recorded or name in self._refused or topic_or_service_is_hidden(name):
+            if name in self._intake or name in self._refused:
                 continue
-            publishers = self.get_publishers_info_by_topic(name)
-            if not publishers:  # nobody says yet with which quality of service
+            if name not in self._recorded if self._recorded else topic_or_service_is_hidden(name):
+                continue
+            offered = self._offered(name)
+            if not offered:  # nobody says yet with which quality of service
                 continue
             if len(types) > 1:
                 self.get_logger().warning(f"{name} has several types, only {types[0]} is recorded: {types}")
+            profile = compatible_profile(offered, depth=1)
+            latched = profile.durability == profile.durability.TRANSIENT_LOCAL
             try:
-                self._record(name, types[0], _compatible([publisher.qos_profile for publisher in publishers]))
+                self._intake.subscribe(name, types[0], profile, latched)
             except MessageError as error:
                 self._refused.add(name)
                 self.get_logger().warning(f"{name} is not recorded: {error}")
 
-    def _record(self, name: str, type_name: str, profile: QoSProfile) -> None:
-        profile.depth = max(profile.depth, _DEPTH)
-        subscription = self._intake.create_subscription(
-            message_class(type_name), name, _never_called, profile, raw=True
-        )
-        self._sources.append(_Source(name, type_name, subscription))
-        self._recorded.add(name)
-
-    def _poll(self) -> None:
-        """Hand on what has arrived since the last time."""
-        write = self._writer.write
-        for source in self._sources:
-            subscription = source.subscription
-            with subscription.handle:
-                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                    data, info = taken
-                    if source.index is None:
-                        source.index = self._writer.add_topic(self._describe(source.name, source.type_name))
-                    write(source.index, info["received_timestamp"], info["source_timestamp"], data)
-
-    def destroy_node(self) -> None:
-        """Destroy the node and the one that holds its subscriptions."""
-        self._intake.destroy_node()
-        super().destroy_node()
+    def _offered(self, name: str) -> list[QoSProfile]:
+        return [publisher.qos_profile for publisher in self.get_publishers_info_by_topic(name)]
 
     def _describe(self, name: str, type_name: str) -> RecordedTopic:
         """Return what the bag says of a topic: what its publishers offer, and what the table knows of it."""
         publishers = self.get_publishers_info_by_topic(name)
-        offered = _compatible([publisher.qos_profile for publisher in publishers])
         topic = _FIXED_TOPICS.get(name)
         return RecordedTopic(
             name,
             type_name,
             message_definition(type_name),
-            offered.reliability.name.lower(),
-            offered.durability.name.lower(),
-            topic.depth if topic is not None else 0,
+            tuple(offered_qos(each.qos_profile, topic.depth if topic else 0) for each in publishers),
             str(publishers[0].topic_type_hash) if publishers else "",
         )
 
+    def _pause(self) -> str:
+        if self._intake.paused:
+            return "the recording is paused already"
+        self._note("recording paused")
+        self._intake.pause()
+        self._publish_state("paused")
+        return "the recording is paused"
+
+    def _resume(self) -> str:
+        if not self._intake.paused:
+            return "the recording is not paused"
+        self._intake.resume()
+        self._note("recording resumed")
+        self._publish_state("recording")
+        return "the recording goes on"
+
+    def _split(self) -> str:
+        self._intake.poll()
+        self._writer.split()
+        return f"the recording goes on in file {self._bag.files} of {self._bag.directory}"
+
+    def _mark(self) -> str:
+        self._marks += 1
+        self._note(f"mark {self._marks}")
+        return f"mark {self._marks} is on {EVENTS.name}"
+
+    def _note(self, text: str) -> None:
+        self._events.publish(String(data=text))
+
+    def _publish_state(self, state: str, level: Level = Level.OK, cause: str = "") -> None:
+        if self._failed and level is not Level.ERROR:
+            return  # which no service undoes
+        values = {"bag": self._bag.directory, "cause": cause}
+        self._state.publish(diagnostic_status(self.get_name(), level, state, values))
+
     def _status(self) -> Iterable[DiagnosticStatus]:
-        counts, drops = self._writer.counts, self._writer.drops
+        counts, drops, lost = self._writer.counts, self._writer.drops, self._intake.lost
         total, dropped = sum(counts.values()), sum(drops.values())
+        text = f"{total} messages of {len(counts)} topics recorded"
+        level = Level.WARN if drops or lost else Level.OK
+        if self._intake.paused:
+            text += ", paused"
+        if drops:
+            text += f", {dropped} dropped: the disk is too slow"
+        if lost:
+            text += f", {lost.total()} lost on their way: the computer is too slow"
+        if self._writer.error is not None:
+            level, text = Level.ERROR, str(self._writer.error)
+        missing = sorted(name for name in self._chosen if name not in counts)
         yield diagnostic_status(
             self.get_name(),
-            Level.WARN if drops else Level.OK,
-            f"{total} messages of {len(counts)} topics recorded"
-            + (f", {dropped} dropped: the disk is too slow" if drops else ""),
+            level,
+            text,
             {
                 "bag": self._bag.directory,
+                "files": self._bag.files,
+                "paused": self._intake.paused,
                 "messages": total,
                 "dropped": dropped,
+                "lost": lost.total(),
                 "waiting": self._writer.waiting,
+                **({"no message yet": " ".join(missing)} if missing else {}),
                 **{f"messages {name}": number for name, number in counts.items()},
                 **{f"dropped {name}": number for name, number in drops.items()},
+                **{f"lost {name}": number for name, number in lost.items()},
             },
         )
 
 
-def _compatible(offered: list[QoSProfile]) -> QoSProfile:
-    """Return the strictest profile that every one of the publishers can serve."""
-    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
-    latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+def _answer(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, action()
+        return response
 
-
-def _information(started: datetime, control_rate: float) -> dict[str, str]:
-    return {
-        "software": f"cspr_msgs_py {importlib.metadata.version('cspr_msgs_py')}",
-        "python": platform.python_version(),
-        "host": platform.node(),
-        "kernel": f"{platform.system()} {platform.release()}",
-        "control_rate": str(control_rate),
-        "start_time": started.isoformat(),
-    }
+    return answer
 
 
 def main() -> int:

@@ -1,7 +1,7 @@
 """Scheduling of a node's process: its CPU, real-time priority for control, niceness for recording.
 
-On Linux these belong to a thread, and the middleware has started its threads before a node can ask. So every
-thread of the process is set; threads started later inherit from the thread that starts them.
+On Linux these belong to a thread, and the middleware has started its threads before a node can ask. For control
+every thread of the process is set; threads started later inherit from the thread that starts them.
 """
 
 import os
@@ -51,7 +51,10 @@ def set_cpu(cpu: int) -> str | None:
 
 
 def set_niceness(niceness: int) -> str | None:
-    """Give this process the nice level `niceness` (0 to 19: the higher, the later it gets its turn).
+    """Give this thread, and those that it will start, the nice level `niceness` (0 to 19: the higher, the later).
+
+    The threads of the middleware keep theirs. They share locks and queues in shared memory with every publisher:
+    a thread that must wait for its turn there makes the control loop wait with it.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def set_niceness(niceness: int) -> str | None:
         None when it is done, else why it was refused.
     """
     try:
-        _each_thread(lambda thread: os.setpriority(os.PRIO_PROCESS, thread, niceness))
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
     except OSError as error:
         return f"nice level {niceness} was refused: {error}"
     return None

@@ -1,0 +1,199 @@
+"""The recorder under the load of the whole graph at 500 Hz: what is lost, what it costs, whether it grows.
+
+Another process publishes the topics of the control loop (twelve of them, every cycle) and the slower ones as the
+graph does; the stamps count the cycles, so that the bag shows which messages are missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+
+from cspr_msgs_py.bag_reader import Bag
+from cspr_msgs_py.conversions import inertia_stamped, pose_stamped
+from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.nodes.process import LEAN_NODE, advertise
+from cspr_msgs_py.reference import VECTORS, ReferenceCodec, ReferenceSample
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    MOTOR_STATES,
+    PAYLOAD,
+    PLATFORM_POSE,
+    REFERENCE,
+    SETPOINT,
+    SIMULATED_PAYLOAD,
+    cable_names,
+    motor_command,
+    motor_names,
+)
+
+RATE = 500  # Hz
+MOTORS = 8
+SLOW = RATE // 50  # cycles between two messages of the topics of 50 Hz
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def flood(cycles: int) -> None:
+    """Publish this number of cycles, then print how late the worst one was."""
+    rclpy.init()
+    node = Node("flood", **LEAN_NODE)
+    names = motor_names(MOTORS)
+    states, cables = (
+        JointStateCodec(names),
+        JointStateCodec(cable_names(MOTORS), position=False, velocity=False),
+    )
+    commands = [JointStateCodec([name], position=False, velocity=False) for name in names]
+    reference = ReferenceCodec()
+    vectors = {field: np.zeros(size) for field, size in VECTORS.items()}
+    publish = {
+        topic.name: advertise(node, topic).publish
+        for topic in (
+            REFERENCE, SETPOINT, MOTOR_STATES, CABLE_TENSIONS, PLATFORM_POSE, PAYLOAD, SIMULATED_PAYLOAD,
+            *(motor_command(k) for k in range(1, MOTORS + 1)),
+        )
+    }  # fmt: skip
+    commanded = [publish[motor_command(k).name] for k in range(1, MOTORS + 1)]
+    while not all(node.count_subscribers(name) for name in publish):
+        time.sleep(0.05)
+    time.sleep(1.0)  # until the recorder knows the publishers as well
+    print("publishing", flush=True)
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(256, 3, MOTORS))
+    start = time.monotonic()
+    latest = 0.0
+    for cycle in range(cycles):
+        position, velocity, effort = noise[cycle % 256] + cycle
+        publish[REFERENCE.name](reference.encode(ReferenceSample(cycle, cycle / RATE, **vectors)))
+        publish[SETPOINT.name](states.encode(cycle, velocity, effort, position))
+        publish[MOTOR_STATES.name](states.encode(cycle, position, velocity, effort))
+        publish[CABLE_TENSIONS.name](cables.encode(cycle, effort=effort))
+        for k, send in enumerate(commanded):
+            send(commands[k].encode(cycle, effort=effort[k : k + 1]))
+        if cycle % SLOW == 0:
+            load = serialize_message(inertia_stamped(cycle, 100.0, [0, 0, 0]))
+            publish[PLATFORM_POSE.name](serialize_message(pose_stamped(cycle, [0, 0, 1], [0, 0, 0, 1])))
+            publish[PAYLOAD.name](load)
+            publish[SIMULATED_PAYLOAD.name](load)
+        delay = start + (cycle + 1) / RATE - time.monotonic()
+        latest = max(latest, -delay)
+        if delay > 0:
+            time.sleep(delay)
+    took = time.monotonic() - start
+    print(f"{cycles / took:.1f} Hz, at most {latest * 1000:.0f} ms late", flush=True)
+    time.sleep(1.0)  # what is on its way arrives while its publisher is there
+    rclpy.try_shutdown()
+
+
+def processor_time(pid: int) -> float:
+    """Seconds of CPU that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def memory(pid: int) -> float:
+    """Resident memory of a process, MB."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
+
+
+@contextmanager
+def running(*arguments: str, ready: str) -> Iterator[subprocess.Popen[str]]:
+    """Start a Python process and wait for a word in its output; it is stopped at the end."""
+    process = subprocess.Popen(
+        [sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if ready in line:
+                break
+        else:
+            raise RuntimeError(f"{' '.join(arguments)} ended early")
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            process.wait(timeout=60)
+
+
+def lost(bag: Path, cycles: int) -> dict[str, int]:
+    """Return the number of messages of each topic that are not in the bag."""
+    missing = {}
+    with Bag(bag) as read:
+        for topic, recorded in read.counts.items():
+            if topic in {PLATFORM_POSE.name, PAYLOAD.name, SIMULATED_PAYLOAD.name}:
+                missing[topic] = -(-cycles // SLOW) - recorded
+            elif topic in {REFERENCE.name, SETPOINT.name, MOTOR_STATES.name, CABLE_TENSIONS.name} or (
+                topic.endswith("/command")
+            ):
+                missing[topic] = cycles - recorded
+    return missing
+
+
+def measure(minutes: float, parameters: Sequence[str]) -> None:
+    """Record for this long and print what it cost."""
+    cycles = round(minutes * 60 * RATE)
+    with tempfile.TemporaryDirectory() as directory:
+        bag = Path(directory) / "bag"
+        recorder_arguments = ["-m", "cspr_msgs_py.nodes.recorder", "--ros-args", "-p", f"output:={bag}"]
+        recorder_arguments += [word for parameter in parameters for word in ("-p", parameter)]
+        with (
+            running(*recorder_arguments, ready="recorder ready") as recorder,
+            running("-m", "benchmarks.recorder", "--flood", str(cycles), ready="publishing") as source,
+        ):
+            time.sleep(3.0)  # the first chunks, and with them the buffers
+            first_memory, first_cpu, first = (
+                memory(recorder.pid),
+                processor_time(recorder.pid),
+                time.monotonic(),
+            )
+            assert source.stdout is not None
+            published = source.stdout.readline().strip()
+            cpu, span = processor_time(recorder.pid) - first_cpu, time.monotonic() - first
+            last_memory = memory(recorder.pid)
+        missing = lost(bag, cycles)
+        size = sum(file.stat().st_size for file in bag.glob("*.mcap"))
+        with Bag(bag) as read:
+            total = sum(read.counts.values())
+    print(
+        f"{minutes * 60:.0f} s of {len(missing)} topics, {total} messages, {total / (minutes * 60):.0f}/s, {published}"
+    )
+    print(f"{'lost':24}{sum(missing.values()):>12}")
+    for topic, number in missing.items():
+        if number:
+            print(f"  {topic:22}{number:>12}")
+    print(f"{'CPU of the recorder':24}{cpu / span:>12.1%} of one core")
+    print(f"{'memory at start, end':24}{first_memory:>12.1f} MB {last_memory:.1f} MB")
+    print(f"{'size':24}{size / 1e6:>12.1f} MB, {size / max(total, 1):.0f} bytes a message")
+
+
+def main(arguments: Sequence[str] = ()) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.recorder", description=__doc__)
+    parser.add_argument("--minutes", type=float, default=0.25, help="default: %(default)s")
+    parser.add_argument("--flood", type=int, metavar="CYCLES", help="be the process that publishes")
+    parser.add_argument("parameters", nargs="*", metavar="NAME:=VALUE", help="parameters of the recorder")
+    chosen = parser.parse_args(arguments)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", "89")
+    if chosen.flood is not None:
+        flood(chosen.flood)
+    else:
+        measure(chosen.minutes, chosen.parameters)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

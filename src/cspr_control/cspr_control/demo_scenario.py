@@ -1,0 +1,167 @@
+"""What a run of the demo does, and the copy of the configuration that it runs with."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cspr_control.errors import ControlError
+from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_msgs_py import topics
+
+CONTROLLERS: dict[str, tuple[str, str]] = {
+    "pd": ("none", "nominal"),
+    "static": ("static", "nominal"),
+    "pdff": ("dynamic", "nominal"),
+    "pdff-mass": ("dynamic", "estimated"),
+}
+"""Feed-forward model and payload source of each of the paper's controllers."""
+
+TRAJECTORIES = [
+    name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
+]
+
+# A machine without real-time priority, shared with who knows what, may stand still for longer than a robot may be
+# left alone. Without a robot, and without --realtime, the demo therefore waits longer than the configuration says.
+_RELAXED_WATCHDOGS = {
+    "command": 0.5,
+    "feedback": 0.5,
+    "rpdo": 1.0,
+    "heartbeat_consumer": 2.0,
+}  # s, in can.yaml
+_RELAXED_AGES = {"motor_states": 1.0, "setpoint": 1.0, "cable_tensions": 1.0, "platform_pose": 1.0}  # s
+
+# Parameters that count on the computer's clock, and so have to be told of a slower machine.
+_DURATIONS = {
+    "feedforward": ("payload_timeout",),
+    "mass_estimator": ("time_constant", "tensions_timeout", "pose_timeout"),
+    "supervisor": (
+        "following_error_time",
+        "tension_min_time",
+        "tension_max_time",
+        "enable_timeout",
+        "stop_timeout",
+        "drive_timeout",
+    ),
+}
+_RATES = {"feedforward": ("switch_slew",), "mass_estimator": ("mass_rate_limit",)}
+
+
+class DemoError(ControlError):
+    """The demo cannot go on; the message says at which step and why."""
+
+
+@dataclass(frozen=True)
+class AddedPayload:
+    """A payload change: mass in kg, time in s after the start of the trajectory."""
+
+    mass: float
+    time: float
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What one run of the demo does.
+
+    Attributes
+    ----------
+    controller, exact_mass
+        One of `CONTROLLERS`, and whether the feed-forward is told the true mass.
+    trajectory
+        One of `TRAJECTORIES`.
+    payload, added
+        Mass aboard from the start, kg, and what comes on top of it.
+    realtime
+        Whether control and drivers run under SCHED_FIFO, with the watchdogs that the configuration has.
+    speed
+        Seconds of the simulated machine in a second of the computer.
+    """
+
+    controller: str
+    exact_mass: bool
+    trajectory: str
+    payload: float
+    added: AddedPayload | None
+    realtime: bool
+    speed: float
+
+    @property
+    def title(self) -> str:
+        """The controller in words."""
+        return f"{self.controller} (exact mass)" if self.exact_mass else self.controller
+
+    def copy_configuration(self, source: Path, target: Path) -> None:
+        """Copy a configuration directory and change what this run has otherwise.
+
+        Raises
+        ------
+        DemoError
+            If a file lacks what has to be changed.
+        """
+        shutil.copytree(source, target)
+        with _edited(target / "simulation.yaml") as simulation:
+            simulation["payload"]["mass"] = self.payload
+            simulation["payload_changes"] = []
+        with _edited(target / "can.yaml") as can:
+            if not self.realtime:
+                _relax(can["timeouts"], _RELAXED_WATCHDOGS)
+        with _edited(target / "control.yaml") as control:
+            ages = control["supervisor"]["ros__parameters"]["max_age"]
+            if not self.realtime:
+                _relax(ages, _RELAXED_AGES)
+            for name in ages:
+                ages[name] /= self.speed
+            for node, names in _DURATIONS.items():
+                for name in names:
+                    control[node]["ros__parameters"][name] /= self.speed
+            for node, names in _RATES.items():
+                for name in names:
+                    control[node]["ros__parameters"][name] *= self.speed
+
+    def control_arguments(self) -> list[str]:
+        """ROS arguments of the control nodes."""
+        model, payload_source = CONTROLLERS[self.controller]
+        arguments = ["-p", f"trajectory_publisher:trajectory:={self.trajectory}"]
+        arguments += ["-p", f"feedforward:model:={model}"]
+        if self.exact_mass:
+            # the truth comes over the same path as the estimate would
+            payload_source = "estimated"
+            arguments += ["-r", f"feedforward:{topics.PAYLOAD.name}:={topics.SIMULATED_PAYLOAD.name}"]
+        return [*arguments, "-p", f"feedforward:payload_source:={payload_source}", *self._priority()]
+
+    def robot_arguments(self) -> list[str]:
+        """ROS arguments of the simulated robot."""
+        return ["-p", f"simulated_robot:speed:={self.speed}", *self._priority()]
+
+    def _priority(self) -> list[str]:
+        return ["-p", "realtime_priority:=50"] if self.realtime else []
+
+
+def ros_arguments(config: Path) -> list[str]:
+    """ROS arguments by which a node finds the files of a configuration directory."""
+    arguments = ["--ros-args", "--params-file", str(config / "control.yaml")]
+    for name in ("robot", "can", "simulation"):
+        arguments += ["-p", f"{name}_config:={config / name}.yaml"]
+    return arguments
+
+
+def _relax(limits: dict[str, float], least: dict[str, float]) -> None:
+    for name, limit in least.items():
+        limits[name] = max(limit, limits[name])
+
+
+@contextlib.contextmanager
+def _edited(file: Path) -> Iterator[dict[str, Any]]:
+    """Change the content of a YAML file."""
+    try:
+        values = yaml.safe_load(file.read_text(encoding="utf-8"))
+        yield values
+    except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
+        raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
+    file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")

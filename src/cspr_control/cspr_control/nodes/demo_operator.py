@@ -1,0 +1,250 @@
+"""The operator of the demo: what a person at the robot sees and does, as a node of the graph."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import InertiaStamped
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from cspr_control.child_processes import ChildProcesses
+from cspr_control.demo_scenario import DemoError
+from cspr_control.errors import ControlError
+from cspr_msgs_py import topics
+from cspr_msgs_py.conversions import inertia_stamped
+from cspr_msgs_py.qos import qos_profile
+
+
+class DemoClient(Node):
+    """The demo's view of the graph: states, the payload, and the services of the operator."""
+
+    def __init__(self) -> None:
+        super().__init__("demo")
+        self.robot_state = self.robot_message = self.phase = self.drives = ""
+        self.trajectory_times: tuple[int, int] | None = None
+        self.estimated_mass = self.true_mass = math.nan
+        self.cycle_values: dict[str, str] = {}
+        self._seen: set[str] = set()
+        # services are asked for by name again and again: one client each
+        self._trigger_clients: dict[str, Any] = {}
+        for topic, kind, callback in (
+            (topics.ROBOT_STATE, DiagnosticStatus, self._on_robot_state),
+            (topics.TRAJECTORY_STATE, DiagnosticStatus, self._on_trajectory_state),
+            (topics.DRIVE_STATES, DiagnosticArray, self._on_drive_states),
+            (topics.DIAGNOSTICS, DiagnosticArray, self._on_diagnostics),
+            (topics.PAYLOAD, InertiaStamped, self._on_payload),
+            (topics.SIMULATED_PAYLOAD, InertiaStamped, self._on_true_payload),
+        ):
+            self.create_subscription(kind, topic.name, callback, qos_profile(topic))
+        self._set_payload = self.create_publisher(
+            InertiaStamped, topics.SET_SIMULATED_PAYLOAD.name, qos_profile(topics.SET_SIMULATED_PAYLOAD)
+        )
+
+    @property
+    def missing(self) -> str:
+        """What is not there yet."""
+        waiting = {"recorder", "can_drives", "load_cells", "feedforward", "supervisor"} - self._seen
+        parts = [f"no word yet from {', '.join(sorted(waiting))}"] if waiting else []
+        if self.drives != "disabled":
+            parts.append(f"drives are {self.drives or 'silent'}")
+        if self.robot_state != "disabled":
+            parts.append(f"the supervisor is {self.robot_state or 'silent'} ({self.robot_message})")
+        return "; ".join(parts)
+
+    @property
+    def ready(self) -> bool:
+        """Whether everything is there and the robot may be enabled."""
+        return not self.missing
+
+    def stop_cause(self) -> str:
+        """Why the robot was stopped, and whether this computer had a part in it."""
+        try:
+            cycles, missed = (int(self.cycle_values[name]) for name in ("cycles", "missed_cycles"))
+        except (KeyError, ValueError):
+            return self.robot_message
+        if missed < 0.2 * max(cycles, 1):
+            return self.robot_message
+        return (
+            f"{self.robot_message}. This computer missed {missed} of {cycles} control cycles: it is too slow or too "
+            "busy for the machine's pace; close what else runs, or slow the machine down with --speed 0.5"
+        )
+
+    def phase_text(self) -> str:
+        """Where the trajectory and the robot are."""
+        return f"the trajectory is in phase {self.phase or 'unknown'}, the robot is {self.robot_state}"
+
+    def set_payload(self, mass: float, stamp_ns: int) -> None:
+        """Let the simulated robot carry a mass from a moment on."""
+        self._set_payload.publish(inertia_stamped(stamp_ns, mass, (0.0, 0.0, 0.0)))
+
+    def trigger(self, service: str) -> Any:
+        """Ask a service; returns the future."""
+        if service not in self._trigger_clients:
+            self._trigger_clients[service] = self.create_client(Trigger, service)
+        client = self._trigger_clients[service]
+        return client.call_async(Trigger.Request()) if client.wait_for_service(timeout_sec=5.0) else None
+
+    def _on_robot_state(self, status: DiagnosticStatus) -> None:
+        values = {pair.key: pair.value for pair in status.values}
+        self.robot_state, self.robot_message = status.message, values.get("cause", "")
+
+    def _on_trajectory_state(self, status: DiagnosticStatus) -> None:
+        values = {pair.key: pair.value for pair in status.values}
+        self.phase = status.message
+        if self.phase in ("approach", "running") and "start_time" in values:
+            self.trajectory_times = (int(values["start_time"]), int(values["end_time"]))
+
+    def _on_drive_states(self, states: DiagnosticArray) -> None:
+        for status in states.status:
+            if status.name == "can_drives":
+                self.drives = status.message
+
+    def _on_diagnostics(self, diagnostics: DiagnosticArray) -> None:
+        for status in diagnostics.status:
+            name = status.name.rsplit("/", 1)[-1]
+            self._seen.add(name)
+            if name == "can_drives":
+                self.cycle_values = {pair.key: pair.value for pair in status.values}
+
+    def _on_payload(self, message: InertiaStamped) -> None:
+        self.estimated_mass = message.inertia.m
+
+    def _on_true_payload(self, message: InertiaStamped) -> None:
+        self.true_mass = message.inertia.m
+
+
+@contextlib.contextmanager
+def demo_client() -> Iterator[DemoClient]:
+    """Spin the demo's node in the background."""
+    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    node = DemoClient()
+    stopping = rclpy.task.Future()
+
+    def spin() -> None:
+        executor = EventsExecutor()
+        executor.add_node(node)
+        while not stopping.done():
+            executor.spin_until_future_complete(stopping, timeout_sec=1.0)
+        executor.remove_node(node)
+        executor.shutdown()
+
+    thread = threading.Thread(target=spin, name="demo", daemon=True)
+    thread.start()
+    try:
+        yield node
+    finally:
+        stopping.set_result(None)
+        thread.join(timeout=5.0)
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class Progress:
+    """One live line on a terminal; a line a step elsewhere."""
+
+    def __init__(self, title: str, client: DemoClient) -> None:
+        self._title, self._client = title, client
+        self._live = sys.stdout.isatty()
+        self._step = ""
+        self._began = time.monotonic()
+
+    def show(self, step: str) -> None:
+        """Show the step that is under way."""
+        elapsed = time.monotonic() - self._began
+        if self._live:
+            client = self._client
+            load = f"  load {client.estimated_mass:6.1f} kg (true {client.true_mass:.1f})"
+            line = f"{self._title}: {elapsed:5.1f} s  {step:<20}{load if math.isfinite(client.estimated_mass) else ''}"
+            sys.stdout.write(f"\r\x1b[K{line}")
+            sys.stdout.flush()
+        elif step != self._step:
+            print(f"{self._title}: {elapsed:5.1f} s  {step}", flush=True)
+        self._step = step
+
+    def end(self) -> None:
+        """Leave the line."""
+        if self._live:
+            sys.stdout.write("\n")
+            sys.stdout.flush()
+
+
+class Operator:
+    """Does what an operator does, while every process lives and no fault is latched.
+
+    Limits and durations are those of the machine, s; on a slower one they last longer.
+    """
+
+    def __init__(
+        self, client: DemoClient, children: ChildProcesses, progress: Progress, speed: float
+    ) -> None:
+        self._client, self._children, self._progress, self._speed = client, children, progress, speed
+
+    def wait(self, step: str, done: Callable[[], bool], limit: float, why_not: Callable[[], str]) -> None:
+        """Wait until something is so, and say why it is not when that takes too long."""
+        deadline = time.monotonic() + limit / self._speed
+        while not done():
+            self._progress.show(step)
+            self._children.check()
+            if self._client.robot_state == "fault":
+                raise DemoError(f"{step}: the robot stopped with brakes closed: {self._client.stop_cause()}")
+            if time.monotonic() > deadline:
+                raise DemoError(f"{step}: not done within {limit:.0f} s: {why_not()}")
+            time.sleep(0.02)
+
+    def pause(self, step: str, duration: float) -> None:
+        """Let time pass while all is well."""
+        end = time.monotonic() + duration / self._speed
+        self.wait(step, lambda: time.monotonic() >= end, duration + 5.0, lambda: "the clock stands still")
+
+    def call(self, service: str, limit: float) -> None:
+        """Ask a service until it accepts; a refusal is final only when the time is up."""
+        refusal = ["no such service"]
+
+        def accepted() -> bool:
+            future = self._client.trigger(service)
+            end = time.monotonic() + 5.0
+            while future is not None and not future.done() and time.monotonic() < end:
+                self._children.check()
+                time.sleep(0.01)
+            if future is None or not future.done():
+                refusal[0] = "no answer"
+                return False
+            refusal[0] = future.result().message
+            return bool(future.result().success)
+
+        self.wait(f"calling {service.rsplit('/', 1)[-1]}", accepted, limit, lambda: refusal[0])
+
+    def stop(self) -> dict[str, str]:
+        """Stop the robot, brakes closed; returns the driver's counters of the run."""
+        client = self._client
+        values = dict(client.cycle_values)
+        self.call("/supervisor/stop", 10.0)
+        self.wait("stopping", lambda: client.robot_state == "disabled", 10.0, lambda: client.robot_message)
+        self.wait(
+            "closing brakes", lambda: client.drives == "disabled", 5.0, lambda: f"drives are {client.drives}"
+        )
+        return values
+
+    def make_safe(self) -> None:
+        """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""
+        with contextlib.suppress(KeyboardInterrupt, ControlError):
+            if self._client.robot_state in ("enabling", "enabled", "stopping"):
+                future = self._client.trigger("/supervisor/stop")
+                deadline = time.monotonic() + 4.0
+                while (
+                    future is not None
+                    and self._client.robot_state != "disabled"
+                    and time.monotonic() < deadline
+                ):
+                    self._children.check()
+                    time.sleep(0.02)

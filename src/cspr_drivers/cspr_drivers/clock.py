@@ -1,0 +1,56 @@
+"""The clock of the machine: one in a process, for everything that drivers and devices time.
+
+On a robot it is the computer's own. A simulated machine may run slower than real time: cycles, watchdogs, brakes
+and the plant then take longer by the same factor, and a computer that is too slow for the machine keeps up.
+
+Call the functions as ``clock.monotonic()``: `set_speed` replaces them.
+"""
+
+from __future__ import annotations
+
+import time as computer
+from collections.abc import Callable
+
+monotonic: Callable[[], float] = computer.monotonic
+"""Monotonic time, s."""
+
+time: Callable[[], float] = computer.time
+"""Time of day, s since 1970; also the time of frames on a virtual bus."""
+
+time_ns: Callable[[], int] = computer.time_ns
+"""Time of day, ns since 1970: ROS time."""
+
+sleep: Callable[[float], None] = computer.sleep
+"""Wait for a time in s."""
+
+_speed = 1.0
+
+
+def on_computer(duration: float) -> float:
+    """Return how long a duration, s, takes on the computer's clock, as timeouts of Python's locks want it."""
+    return duration / _speed
+
+
+def set_speed(speed: float) -> None:
+    """Let the clock of this process run at a speed from now on.
+
+    Parameters
+    ----------
+    speed
+        Seconds of the machine in a second of the computer; 1 is the computer's own time. To be set before anything
+        is timed: a change makes time of day jump.
+    """
+    global monotonic, time, time_ns, sleep, _speed
+    _speed = speed
+    if speed == 1.0:
+        monotonic, time, time_ns, sleep = computer.monotonic, computer.time, computer.time_ns, computer.sleep
+        return
+    start, day = computer.monotonic(), computer.time_ns()
+
+    def elapsed() -> float:
+        return (computer.monotonic() - start) * speed
+
+    monotonic = lambda: start + elapsed()  # noqa: E731
+    time_ns = lambda: day + round(1e9 * elapsed())  # noqa: E731
+    time = lambda: 1e-9 * day + elapsed()  # noqa: E731
+    sleep = lambda seconds: computer.sleep(seconds / speed)  # noqa: E731

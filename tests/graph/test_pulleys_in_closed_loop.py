@@ -1,0 +1,37 @@
+"""The control nodes' functions on a simulated machine with pulleys, with and without being told of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from benchmarks.closed_loop import LoopRecord, LoopSettings, run
+
+from cspr_control.motor_control import MotorGains
+from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_kinematics import Pulleys
+
+
+def record(robot: str) -> LoopRecord:
+    return run(
+        LoopSettings(
+            gains=MotorGains(kp=2.0, kd=0.1),  # as in config/control.yaml
+            trajectory=TrajectoryName.SMOOTH_19,
+            robot=robot,
+            true_pulleys=Pulleys(0.05),
+        )
+    )
+
+
+def test_pulleys_that_are_known_cost_nothing() -> None:
+    known = record("robot_pulleys.yaml")
+    assert known.rms_deg.mean() < 5.0  # 3.7 degrees without pulleys
+    assert known.tensions.min() > 100.0
+    assert known.mass_estimate[-1] == pytest.approx(200.0, rel=0.02)
+
+
+def test_the_robot_moves_with_pulleys_that_the_controllers_do_not_know() -> None:
+    unknown = record("robot.yaml")
+    assert np.abs(unknown.position_error).max() < np.radians(60.0)
+    assert unknown.tensions.min() > 100.0
+    # the cables stand steeper than believed, and the load weighs less by as much
+    assert 180.0 < unknown.mass_estimate[-1] < 196.0
