@@ -11,7 +11,7 @@ import errno
 from collections import Counter, deque
 from enum import Enum, auto
 from heapq import heappop, heappush
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import can
 
@@ -31,6 +31,13 @@ class BusDisturbance(Enum):
     CUT = auto()  # frames wait for ever
     BABBLING = auto()  # a node sends without a pause
     ERROR_FRAMES = auto()  # every frame is destroyed; its sender gives it up
+
+
+class Disturbable(Protocol):
+    """A bus on which things can go wrong."""
+
+    def disturb(self, disturbance: BusDisturbance) -> None:
+        """Let something disturb the bus from now on, or no longer."""
 
 
 class Passed(NamedTuple):
@@ -62,7 +69,7 @@ class BusTiming:
         self._babble = can.Message(arbitration_id=BABBLING_COB_ID, data=bytes(8), is_extended_id=False)
 
     def offer(self, frame: can.Message, sender: object, time: float) -> None:
-        """Let a frame wait for the bus from a time, s, on; times must not decrease.
+        """Let a frame wait for the bus from a time, s, on; never from before a frame that was offered earlier.
 
         Raises
         ------
@@ -73,6 +80,8 @@ class BusTiming:
             raise can.CanOperationError("transmit buffer full", error_code=errno.ENOBUFS)
         self._held[sender] += 1
         self._count += 1
+        if self._offered:
+            time = max(time, self._offered[-1][0])
         self._offered.append((time, self._count, sender, frame))
 
     def disturb(self, disturbance: BusDisturbance) -> None:

@@ -5,13 +5,13 @@ What each fault ends in is in docs/operation.md, and what it costs in height in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.bus_timing import BusDisturbance, BusTiming
+from cspr_drivers.simulation.bus_timing import BusDisturbance, Disturbable
 from cspr_drivers.simulation.canopen_codes import EmergencyCode
 from cspr_drivers.simulation.drive_emulator import DriveEmulator
 from cspr_drivers.simulation.emulated_node import EmulatedNode
@@ -126,7 +126,7 @@ class FaultInjector:
         drives: Sequence[DriveEmulator],
         load_cells: Sequence[LoadCellEmulator],
         machine: SharedPlant,
-        buses: dict[str, BusTiming],
+        buses: Mapping[str, Disturbable],
     ) -> None:
         self._drives = drives
         self._load_cells = load_cells
