@@ -13,11 +13,23 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "pyyaml", "mcap>=1.5"],
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "pyyaml",
+        "mcap>=1.5",
+        "mcap-ros2-support>=0.5.5",
+        "zstandard",
+        "lz4",
+    ],
     zip_safe=True,
     maintainer="CSPR developers",
     maintainer_email="developers@example.org",
     description="Topics, message conversion and MCAP bags of the cable robot",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["recorder = cspr_msgs_py.nodes.recorder:main"]},
+    entry_points={
+        "console_scripts": [
+            f"{name} = cspr_msgs_py.nodes.{name}:main" for name in ("recorder", "recover", "replay")
+        ]
+    },
 )

@@ -16,8 +16,32 @@ from cspr_drivers.can_config import CanConfig
 REPOSITORY = Path(__file__).parents[2]
 CHANNELS = itertools.count()
 
-# Status words typed from IEC 61800-7-201, table of state coding, with bit 14 for the open brake.
-SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x40, 0x21, 0x23, 0x4027, 0x4007, 0x08
+# Status words typed from IEC 61800-7-201, table of state coding, with bit 14 for the open brake; bit 4: the power
+# stage has its supply; bit 12: the target torque is followed.
+SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x50, 0x31, 0x33, 0x5037, 0x4017, 0x18
+
+
+def numbers(**sizes):
+    """Return objects from their numbers: ``numbers(u16={(0x6072, 0): 1000})``."""
+    bytes_of = {"u8": 1, "u16": 2, "u32": 4}
+    return {
+        key: value.to_bytes(bytes_of[size], "little")
+        for size, values in sizes.items()
+        for key, value in values.items()
+    }
+
+
+def pdos(communication, node_id, cob_ids):
+    """Return default PDOs as devices have them: valid COB-IDs, nothing mapped (CiA 301, section 7.5.2)."""
+    objects = {}
+    for place, base in enumerate(cob_ids):
+        objects |= numbers(
+            u32={(communication + place, 1): base + node_id}
+            | {(communication + place + 0x200, entry): 0 for entry in range(1, 9)},
+            u16={(communication + place, 5): 0},
+            u8={(communication + place, 2): 255, (communication + place + 0x200, 0): 0},
+        )
+    return objects
 
 
 def numbers(**sizes):
@@ -120,7 +144,7 @@ class ScriptedDrive(ScriptedNode):
             0x402,
             numbers(
                 u32={(0x1000, 0): 0x0002_0192, (0x6502, 0): 0x200, (0x1016, 1): 0}
-                | {(0x6075, 0): 4200, (0x6076, 0): 5000, (0x608F, 1): 131072, (0x608F, 2): 1},
+                | {(0x6075, 0): 4200, (0x6076, 0): 5000, (0x608F, 1): 131072, (0x608F, 2): 1, (0x60FD, 0): 0},
                 u16={(0x6007, 0): 1, (0x605A, 0): 2, (0x605B, 0): 1, (0x605C, 0): 1, (0x605D, 0): 1}
                 | {(0x605E, 0): 2, (0x6072, 0): 1000},
                 u8={(0x1029, 1): 0, (0x6060, 0): 0, (0x6061, 0): 10},
@@ -130,6 +154,7 @@ class ScriptedDrive(ScriptedNode):
         )
         self.status = SWITCH_ON_DISABLED
         self.counts = 0
+        self.velocity = 0
         self.torque = 0
         self.control = 0
         self.rpdos = []
@@ -226,6 +251,11 @@ class ScriptedBus:
         for node in self.nodes.values():
             if node.operational and node.answers_sync:
                 self.send(0x180 + node.node_id, node.tpdo())
+                if (
+                    int.from_bytes(node.objects.get((0x1801, 1), b"\x80"), "little")
+                    == 0x4000_0280 + node.node_id
+                ):
+                    self.send(0x280 + node.node_id, struct.pack("<i", node.velocity))
 
 
 @pytest.fixture(scope="session")

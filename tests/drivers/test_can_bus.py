@@ -5,9 +5,11 @@ import time
 import can
 import pytest
 
+from cspr_drivers import can_bus
 from cspr_drivers.can_bus import CanPort, open_bus, open_ports
 from cspr_drivers.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError
+from cspr_drivers.socketcan_bus import error_frame_text
 
 CAN0 = BusConfig("main", "socketcan", "can0", 1_000_000)
 
@@ -39,10 +41,10 @@ def test_a_missing_interface_is_one_clear_line():
     ],
 )
 def test_why_an_interface_cannot_be_opened(monkeypatch, error, words):
-    def refuse(**arguments):
+    def refuse(*arguments):
         raise error
 
-    monkeypatch.setattr(can, "Bus", refuse)
+    monkeypatch.setattr(can_bus, "QuickSocketCan", refuse)
     with pytest.raises(BusError) as raised:
         open_bus(CAN0)
     assert str(raised.value).startswith(f"CAN bus main (socketcan, channel can0): {words}")
@@ -59,7 +61,7 @@ def test_an_interface_that_is_down_is_named(monkeypatch):
             self.closed = True
 
     down = Down()
-    monkeypatch.setattr(can, "Bus", lambda **arguments: down)
+    monkeypatch.setattr(can_bus, "QuickSocketCan", lambda *arguments: down)
     with pytest.raises(
         BusError, match="the interface is down; `ip link set can0 up type can bitrate 1000000`"
     ):
@@ -146,3 +148,70 @@ def test_a_second_producer_of_sync_is_a_problem(ports, far_end, wait_until):
     wait_until(lambda: ports["main"].malformed_frames == 1)
     assert "another device sends SYNC as well" in ports["main"].last_problem
     assert len(beats) == 2
+
+
+class FullBus(can.BusABC):
+    """A bus whose queue is full for a number of frames, as with a short txqueuelen."""
+
+    def __init__(self, full):
+        super().__init__("full")
+        self.full = full
+        self.sent = []
+
+    def _recv_internal(self, timeout):
+        time.sleep(0.01)
+        return None, False
+
+    def send(self, message, timeout=None):
+        if self.full:
+            self.full -= 1
+            raise can.CanOperationError("No buffer space available", errno.ENOBUFS)
+        self.sent.append(message.arbitration_id)
+
+
+@pytest.fixture
+def full_port():
+    port = CanPort("main", FullBus(full=3))
+    yield port
+    port.close()
+
+
+def test_a_full_queue_is_tried_again_while_the_frame_is_worth_it(full_port):
+    assert full_port.send(can.Message(arbitration_id=0x201), deadline=time.monotonic() + 60.0)
+    assert full_port._bus.sent == [0x201]
+    assert (full_port.send_retries, full_port.send_errors) == (3, 0)
+
+
+def test_a_frame_that_is_worth_nothing_any_more_is_not_sent_late(full_port):
+    full_port._bus.full = 10**9
+    assert not full_port.send(can.Message(arbitration_id=0x201), deadline=time.monotonic() + 0.01)
+    assert full_port.send_errors == 1
+    retries = full_port.send_retries
+    assert not full_port.send(can.Message(arbitration_id=0x080))  # a SYNC has no deadline: now or never
+    assert full_port.send_retries == retries
+    assert full_port.last_problem.startswith("sending COB-ID 0x080: No buffer space available")
+    assert full_port._bus.sent == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "words"),
+    [
+        # linux/can/error.h: class in the identifier, state of the controller in byte 1.
+        (0x040, bytes(8), "bus-off: the controller has left the bus after too many errors"),
+        (0x004, bytes([0, 0x20, 0, 0, 0, 0, 0, 0]), "transmitter is error passive"),
+        (0x020, bytes(8), "no acknowledge: no other node is on the bus"),
+        (0x088, bytes(8), "protocol violation, bus error"),
+    ],
+)
+def test_error_frames_in_words(kind, data, words):
+    frame = can.Message(arbitration_id=kind, is_error_frame=True, is_extended_id=False, dlc=8, data=data)
+    assert error_frame_text(frame) == words
+
+
+def test_bus_off_is_a_failure_of_the_bus(full_port):
+    failures = []
+    full_port.on_failure(failures.append)
+    full_port.receive(can.Message(arbitration_id=0x004, is_error_frame=True, data=bytes(8)))
+    assert failures == []
+    full_port.receive(can.Message(arbitration_id=0x040, is_error_frame=True, data=bytes(8)))
+    assert failures == ["bus-off: the controller has left the bus after too many errors"]

@@ -1,12 +1,14 @@
 import pytest
 
 from cspr_drivers.drive_group import DriveGroup, GroupState
+from cspr_drivers.emergency import Emergency
 from cspr_drivers.errors import FrameError
 from cspr_drivers.timeouts import Timeouts
 
-# Status words typed from IEC 61800-7-201, with bit 14 for the open brake.
+# Status words typed from IEC 61800-7-201, with bit 14 for the open brake; bit 12: the target torque is followed.
 NOT_READY, AT_REST, READY, SWITCHED_ON = 0x00, 0x40, 0x21, 0x23
-ENABLED_HELD, ENABLED, QUICK_STOP, FAULT, FAULT_REACTION = 0x27, 0x4027, 0x4007, 0x08, 0x400F
+ENABLED_HELD, ENABLED, QUICK_STOP, FAULT, FAULT_REACTION = 0x1027, 0x5027, 0x4007, 0x08, 0x400F
+WRONG_MODE = 0x4027  # operation enabled, but bit 12 says that the target torque is ignored
 
 TIMEOUTS = Timeouts(
     command=0.05,
@@ -19,6 +21,10 @@ TIMEOUTS = Timeouts(
     enable=1.0,
     stop=0.5,
 )
+
+
+def error(code, register):
+    return Emergency(code, register, bytes(5), 100.0)
 
 
 class Bench:
@@ -131,9 +137,9 @@ def test_a_drive_lost_at_rest_is_not_ready_and_no_fault(disabled):
 
 
 def test_a_drive_in_fault_at_rest_is_latched(disabled):
-    disabled.group.emergency(1, 0x3210)
+    disabled.group.emergency(1, error(0x3210, 0b101))
     assert disabled.cycle(AT_REST, FAULT) is GroupState.FAULT
-    assert disabled.group.cause == "motor_2 is in fault (error code 0x3210)"
+    assert disabled.group.cause == "motor_2 is in fault: DC link overvoltage (error code 0x3210)"
     assert disabled.words == [0x00, 0x00]  # no reset by itself
 
 
@@ -165,12 +171,11 @@ def test_enable_is_refused_while_not_disabled(enabling):
 
 
 def test_enabling_takes_no_longer_than_its_limit(enabling):
+    enabling.cycle(SWITCHED_ON, SWITCHED_ON)
     for _ in range(260):
-        enabling.cycle(SWITCHED_ON, READY)
+        enabling.cycle(ENABLED, ENABLED_HELD)
     assert enabling.group.state is GroupState.FAULT
-    assert enabling.group.cause == (
-        "not enabled within 1 s: motor_1 is in switched_on; motor_2 is in ready_to_switch_on"
-    )
+    assert enabling.group.cause == "not enabled within 1 s: motor_2 is in operation_enabled"
 
 
 def test_enabling_can_be_called_off(enabling):
@@ -218,12 +223,13 @@ def test_a_silent_drive_stops_the_others(enabled):
     [
         (FAULT, "motor_2 is in fault"),
         (FAULT_REACTION, "motor_2 is in fault_reaction_active"),
-        (QUICK_STOP, "motor_2 is in quick_stop_active"),
-        (AT_REST, "motor_2 is in switch_on_disabled"),
-        (SWITCHED_ON, "motor_2 is in switched_on"),
-        (READY, "motor_2 is in ready_to_switch_on"),
-        (NOT_READY, "motor_2 is in not_ready_to_switch_on"),
+        (QUICK_STOP, "motor_2 is in quick_stop_active; its power stage has no supply"),
+        (AT_REST, "motor_2 is in switch_on_disabled; its power stage has no supply"),
+        (SWITCHED_ON, "motor_2 is in switched_on; its power stage has no supply"),
+        (READY, "motor_2 is in ready_to_switch_on; its power stage has no supply"),
+        (NOT_READY, "motor_2 is in not_ready_to_switch_on; its power stage has no supply"),
         (ENABLED_HELD, "motor_2: its brake closed by itself"),
+        (WRONG_MODE, "motor_2 does not follow its target torque: it has left its mode of operation"),
     ],
 )
 def test_a_drive_that_leaves_operation_stops_the_others(enabled, status, cause):
@@ -366,3 +372,160 @@ def test_brakes_known_to_hold(enabled):
     assert not enabled.group.held
     enabled.cycle(AT_REST, AT_REST)
     assert enabled.group.held
+
+
+# transitions, each with its limit
+
+
+@pytest.mark.parametrize(
+    ("way", "stuck", "limit", "words"),
+    [
+        ([], (AT_REST, READY), 0.3, "motor_1: still in switch_on_disabled after 0.3 s: no transition 2"),
+        ([], (READY, SWITCHED_ON), 0.3, "motor_1: still in ready_to_switch_on after 0.3 s: no transition 3"),
+        (
+            [(SWITCHED_ON, SWITCHED_ON)],
+            (ENABLED, SWITCHED_ON),
+            1.0,
+            "not enabled within 1 s: motor_2 is in switched_on",
+        ),
+    ],
+)
+def test_each_transition_of_enabling_has_its_limit(enabling, way, stuck, limit, words):
+    for status in way:
+        enabling.cycle(*status)
+    start = enabling.time
+    while enabling.cycle(*stuck) is GroupState.ENABLING:
+        assert enabling.time - start < limit + 0.1
+    assert enabling.time - start > limit - 0.02
+    assert enabling.group.cause.startswith(words)
+
+
+def test_a_drive_that_does_not_come_to_rest_after_a_quick_stop_is_named(fault):
+    for _ in range(120):
+        fault.cycle(QUICK_STOP, AT_REST)
+    assert fault.group.cause == "a test"
+    for _ in range(10):
+        fault.cycle(QUICK_STOP, AT_REST)
+    assert fault.group.cause == (
+        "a test; motor_1: still in quick_stop_active after 0.5 s: no transition 12 to switch_on_disabled: "
+        "take the load as not held"
+    )
+
+
+def test_a_drive_that_ignores_quick_stop_is_named(fault):
+    for _ in range(80):
+        fault.cycle(ENABLED, AT_REST)
+    assert "motor_1: still in operation_enabled after 0.3 s: no transition 11" in fault.group.cause
+
+
+# one drive
+
+
+def test_one_drive_is_enabled_and_disabled_alone(disabled):
+    assert disabled.group.enable(disabled.time, 1) is None
+    assert disabled.words == [0x00, 0x06]
+    disabled.cycle(AT_REST, READY)
+    disabled.cycle(AT_REST, SWITCHED_ON)
+    assert disabled.cycle(AT_REST, ENABLED) is GroupState.ENABLED
+    assert disabled.group.members == ("motor_2",)
+    assert disabled.words == [0x00, 0x0F]
+    assert disabled.group.enable(disabled.time) == "the drives are enabled"
+    disabled.group.disable(disabled.time, 0)
+    assert disabled.group.state is GroupState.ENABLED
+    disabled.group.disable(disabled.time, 1)
+    assert disabled.words == [0x00, 0x07]
+    disabled.cycle(AT_REST, SWITCHED_ON)
+    disabled.cycle(AT_REST, READY)
+    assert disabled.cycle(AT_REST, AT_REST) is GroupState.DISABLED
+
+
+def test_a_second_drive_joins_without_disturbing_the_first(disabled):
+    disabled.group.enable(disabled.time, 0)
+    disabled.cycle(SWITCHED_ON, AT_REST)
+    assert disabled.cycle(ENABLED, AT_REST) is GroupState.ENABLED
+    assert disabled.group.enable(disabled.time, 1) is None
+    for status in (AT_REST, READY, SWITCHED_ON, ENABLED_HELD):
+        disabled.cycle(ENABLED, status)
+        assert disabled.words[0] == 0x0F
+    assert disabled.cycle(ENABLED, ENABLED) is GroupState.ENABLED
+
+
+def test_one_of_all_drives_is_disabled_and_the_others_go_on(enabled):
+    enabled.group.disable(enabled.time, 0)
+    assert enabled.words == [0x07, 0x0F]
+    enabled.commanding = True
+    for status in (SWITCHED_ON, READY, AT_REST):
+        assert enabled.cycle(status, ENABLED) is GroupState.ENABLED
+    assert enabled.words == [0x00, 0x0F]
+
+
+def test_a_single_drive_that_does_not_come_to_rest_stops_all(enabled):
+    enabled.group.disable(enabled.time, 0)
+    for _ in range(130):
+        enabled.cycle(ENABLED, ENABLED)
+    assert enabled.group.state is GroupState.FAULT
+    assert enabled.group.cause.startswith("motor_1: still in operation_enabled after 0.5 s: no transition 5")
+
+
+def test_the_fault_of_one_drive_is_reset_alone_and_the_cause_stays(fault):
+    fault.cycle(FAULT, FAULT)
+    assert fault.group.fault_reset(fault.time, 1) is None
+    assert fault.words == [0x00, 0x80]
+    assert fault.cycle(FAULT, AT_REST) is GroupState.FAULT
+    assert fault.words == [0x00, 0x00]
+    assert fault.group.cause == "a test"
+    assert fault.group.fault_reset(fault.time) is None
+    assert fault.cycle(AT_REST, AT_REST) is GroupState.DISABLED
+
+
+def test_one_reset_is_one_edge_even_for_a_drive_that_fails_again(fault):
+    fault.cycle(FAULT, READY)
+    fault.group.fault_reset(fault.time)
+    assert fault.words[0] == 0x80
+    fault.cycle(AT_REST, READY)
+    for _ in range(100):
+        fault.cycle(FAULT, READY)
+        assert not fault.words[0] & 0x80
+
+
+# emergencies and the emergency stop
+
+
+def test_an_emergency_message_in_motion_is_a_fault(enabled):
+    enabled.group.emergency(1, error(0x4310, 0b1001))
+    assert enabled.group.state is GroupState.FAULT
+    assert enabled.group.cause == "motor_2 reports drive or motor temperature too high (error code 0x4310)"
+    assert enabled.words == [0x02, 0x02]
+
+
+def test_the_end_of_an_error_is_no_fault(enabled):
+    enabled.group.emergency(1, error(0x0000, 0))
+    assert enabled.group.state is GroupState.ENABLED
+
+
+def test_errors_are_kept_until_they_are_taken_back(disabled):
+    disabled.group.emergency(0, error(0x4310, 0b1001))
+    disabled.group.emergency(0, error(0x8120, 0b1_1001))
+    assert [e.code for e in disabled.group.drives[0].errors] == [0x4310, 0x8120]
+    disabled.group.emergency(0, error(0x0000, 0))
+    assert disabled.group.drives[0].errors == ()
+
+
+def test_the_emergency_stop_stops_all_and_keeps_the_drives_from_being_enabled(enabled):
+    enabled.group.emergency_stop(0, True, enabled.time)
+    assert enabled.group.state is GroupState.FAULT
+    assert enabled.group.cause == "emergency stop: input of motor_1"
+    enabled.cycle(AT_REST, AT_REST)
+    enabled.group.fault_reset(enabled.time)
+    assert enabled.cycle(AT_REST, AT_REST) is GroupState.NOT_READY
+    assert enabled.group.enable(enabled.time) == "motor_1: its emergency stop input is active"
+    enabled.group.emergency_stop(0, False, enabled.time)
+    assert enabled.cycle(AT_REST, AT_REST) is GroupState.DISABLED
+
+
+def test_the_emergency_stop_is_the_cause_of_what_came_just_before_it(enabled):
+    enabled.cycle(ENABLED, 0x0007 | 0x4000)
+    enabled.group.emergency_stop(1, True, enabled.time)
+    assert enabled.group.cause == (
+        "emergency stop: input of motor_2; motor_2 is in quick_stop_active; its power stage has no supply"
+    )

@@ -1,4 +1,5 @@
 import dataclasses
+import errno
 import math
 import time
 
@@ -6,12 +7,13 @@ import can
 import pytest
 
 from cspr_drivers.can_bus import CanPort, CanPorts
+from cspr_drivers.can_config import CanConfig
 from cspr_drivers.drive_group import GroupState
 from cspr_drivers.drive_master import DriveMaster
 from cspr_drivers.errors import BusError
 
 # Status words, IEC 61800-7-201.
-FAULT = 0x08
+FAULT, AT_REST, ENABLED = 0x18, 0x50, 0x5037
 
 
 class Rig:
@@ -74,11 +76,11 @@ def test_drives_are_configured_and_started(rig, far_end, wait_until):
     assert drive.read(0x1800, 1) == 0x4000_0183
     assert drive.read(0x1800, 2) == 1
     assert [drive.read(0x1A00, n) for n in (0, 1, 2, 3)] == [3, 0x6041_0010, 0x6064_0020, 0x6077_0010]
-    assert all(
-        drive.read(base + n, 1) == 0x8000_0003 + first + 0x100 * n
-        for base, first in ((0x1400, 0x200), (0x1800, 0x180))
-        for n in (1, 2, 3)
-    )
+    assert [drive.read(0x1400 + n, 1) for n in (1, 2, 3)] == [0x8000_0303, 0x8000_0403, 0x8000_0503]
+    assert [drive.read(0x1800 + n, 1) for n in (1, 3)] == [0x8000_0283, 0x8000_0483]
+    # The input of the emergency stop: TPDO 3, on a change.
+    assert [drive.read(0x1802, n) for n in (1, 2)] == [0x4000_0383, 255]
+    assert [drive.read(0x1A02, n) for n in (0, 1)] == [1, 0x60FD_0020]
 
 
 def test_a_pdo_is_written_in_the_order_of_the_standard_and_read_back(rig, far_end, wait_until):
@@ -188,7 +190,7 @@ def test_a_drive_that_is_not_commissioned_is_not_enabled(mapping, far_end, ports
 
 
 def test_a_drive_under_torque_is_not_set_up(config, ports, far_end, wait_until):
-    far_end.drives[0].status = 0x5027
+    far_end.drives[0].status = ENABLED
     rig = Rig(config, ports)
     rig.master.start()
     try:
@@ -218,7 +220,7 @@ def test_torques_go_out_at_once_with_the_control_word(rig, far_end, wait_until):
 
 
 def test_enable_and_disable(enabled, far_end, wait_until):
-    assert all(drive.status == 0x4027 for drive in far_end.drives)
+    assert all(drive.status == ENABLED for drive in far_end.drives)
     assert next(word for word, _ in far_end.drives[0].rpdos if word) == 0x06
     enabled.master.disable()
     wait_until(lambda: enabled.state is GroupState.DISABLED)
@@ -254,7 +256,7 @@ def test_a_bad_torque_stops_the_drives_and_is_not_passed_on(enabled, far_end, wa
     enabled.torques[1] = torque
     wait_until(lambda: enabled.state is GroupState.FAULT)
     assert enabled.cause == words
-    wait_until(lambda: all(drive.status == 0x40 for drive in far_end.drives))
+    wait_until(lambda: all(drive.status == AT_REST for drive in far_end.drives))
     assert all(0x02 in [word for word, _ in drive.rpdos] for drive in far_end.drives)
     assert {torque for _, torque in far_end.drives[1].rpdos} <= {0, -200}
 
@@ -285,14 +287,14 @@ def test_fault_is_latched_until_reset_and_enable_is_refused(enabled, far_end, wa
     assert enabled.master.enable() == "a fault is latched: quick stop commanded; reset it first"
     wait_until(lambda: enabled.master.fault_reset() is None)
     wait_until(lambda: enabled.state is GroupState.DISABLED)
-    assert all(drive.status == 0x40 for drive in far_end.drives)
+    assert all(drive.status == AT_REST for drive in far_end.drives)
 
 
 def test_fault_of_one_drive_stops_all_and_is_reset_by_a_rising_edge(enabled, far_end, wait_until):
     far_end.send(0x083, bytes.fromhex("10 82 21 00 00 00 00 00"))
     far_end.drives[2].status = FAULT
     wait_until(lambda: enabled.state is GroupState.FAULT)
-    assert enabled.cause == "motor_3 is in fault (error code 0x8210)"
+    assert enabled.cause == ("motor_3 reports PDO not processed because it is too short (error code 0x8210)")
     wait_until(lambda: enabled.master.fault_reset() is None)
     wait_until(lambda: enabled.state is GroupState.DISABLED)
     words = [word for word, _ in far_end.drives[2].rpdos]
@@ -316,7 +318,7 @@ def test_a_silent_drive_stops_the_others(enabled, far_end, wait_until):
     far_end.drives[6].answers_sync = False
     wait_until(lambda: enabled.state is GroupState.FAULT)
     assert enabled.cause.startswith(("motor_7: silent for", "no torque command within"))
-    wait_until(lambda: far_end.drives[0].status == 0x40)
+    wait_until(lambda: far_end.drives[0].status == AT_REST)
 
 
 def test_a_missing_heartbeat_is_a_fault_in_motion(enabled, far_end, wait_until):
@@ -328,7 +330,7 @@ def test_a_missing_heartbeat_is_a_fault_in_motion(enabled, far_end, wait_until):
 def test_a_restart_in_motion_is_a_fault_and_reconfigured_after_it(enabled, far_end, wait_until):
     drive = far_end.drives[3]
     drive.restart()
-    drive.status = 0x40
+    drive.status = AT_REST
     far_end.send(0x704, [0])
     wait_until(lambda: enabled.state is GroupState.FAULT)
     assert enabled.cause == "motor_4: restarted"
@@ -402,16 +404,20 @@ def test_a_drive_that_does_not_fit_is_named_with_the_object(
 
 def test_stop_closes_the_brakes_first(enabled, far_end):
     enabled.master.stop()
-    assert all(drive.status == 0x40 for drive in far_end.drives)
+    assert all(drive.status == AT_REST for drive in far_end.drives)
     time.sleep(0.05)
     assert not any(drive.operational for drive in far_end.drives)
 
 
-def test_a_second_driver_does_not_start(rig, config, wait_until):
+def test_a_second_driver_does_not_start_and_disturbs_nothing(rig, config, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
     other = CanPorts([CanPort("main", can.Bus(interface="virtual", channel=config.buses[0].channel))])
     try:
+        second = DriveMaster(config, other, lambda states: None, lambda line: None)
         with pytest.raises(BusError, match="another driver is active on the CAN bus"):
-            DriveMaster(config, other, lambda states: None, lambda line: None).start()
+            second.start()
+        second.stop()
+        assert all(drive.operational for drive in far_end.drives)
     finally:
         other.close()
 
@@ -429,3 +435,139 @@ def test_bad_frames_are_counted_named_and_not_used(rig, ports, far_end, wait_unt
     far_end.send(0x081, b"\x00")  # an emergency frame cut short
     wait_until(lambda: ports["main"].malformed_frames == 3)
     assert rig.state is GroupState.DISABLED
+
+
+def test_a_drive_that_leaves_nmt_operational_is_a_fault_in_motion(enabled, far_end, wait_until):
+    far_end.drives[4].operational = False  # as after 1029h:01 = 0, or an NMT command of somebody else
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: "motor_5 (node 5 on main)" in enabled.master.snapshot().not_configured or True)
+    assert enabled.cause.startswith(
+        (
+            "motor_5: left NMT operational, it is pre-operational",
+            "motor_5: silent for",
+            "no torque command within",
+        )
+    )
+
+
+def test_the_torque_is_there_before_the_brake_opens(rig, far_end, wait_until):
+    rig.torques = [0.5 * (k + 1) for k in range(8)]
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.master.enable() is None)
+    wait_until(lambda: rig.state is GroupState.ENABLED)
+    for index, drive in enumerate(far_end.drives):
+        first = next(torque for word, torque in drive.rpdos if word == 0x0F)
+        assert first == (1 if index % 2 == 0 else -1) * 100 * (
+            index + 1
+        )  # thousandths of 5 N m, with polarity
+
+
+def test_one_drive_alone(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.master.enable(2) is None)
+    wait_until(lambda: rig.state is GroupState.ENABLED)
+    assert rig.master.snapshot().members == ("motor_3",)
+    assert [drive.status for drive in far_end.drives] == [AT_REST] * 2 + [ENABLED] + [AT_REST] * 5
+    rig.master.disable(2)
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+
+
+def test_the_errors_of_a_drive_are_kept_with_text_and_remedy(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    far_end.send(0x081, bytes.fromhex("10 43 09 00 00 00 00 00"))
+    wait_until(lambda: rig.master.snapshot().drives[0].errors)
+    (error,) = rig.master.snapshot().drives[0].errors
+    assert error.text == "drive or motor temperature too high (error code 0x4310)"
+    assert "cool down" in error.remedy
+    far_end.send(0x081, bytes.fromhex("00 00 00 00 00 00 00 00"))
+    wait_until(lambda: not rig.master.snapshot().drives[0].errors)
+    assert rig.state is GroupState.DISABLED
+
+
+def test_the_emergency_stop_input_stops_the_drives(enabled, far_end, wait_until):
+    far_end.send(0x384, bytes.fromhex("08 00 00 00"))
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause == "emergency stop: input of motor_4"
+    wait_until(lambda: enabled.master.fault_reset() is None)
+    wait_until(lambda: enabled.state is GroupState.NOT_READY)
+    assert enabled.master.enable() == "motor_4: its emergency stop input is active"
+    far_end.send(0x384, bytes.fromhex("00 00 00 00"))
+    wait_until(lambda: enabled.state is GroupState.DISABLED)
+
+
+def test_an_emergency_stop_that_is_active_from_the_start_is_seen(config, ports, far_end, wait_until):
+    far_end.drives[3].objects[0x60FD, 0] = bytes.fromhex("08 00 00 00")
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.master.enable() == "motor_4: its emergency stop input is active")
+    finally:
+        rig.master.stop()
+
+
+def test_a_bus_that_fails_is_the_cause(enabled, ports):
+    ports["main"].receive_failed(can.CanOperationError("Network is down", errno.ENETDOWN))
+    assert enabled.state is GroupState.FAULT
+    assert enabled.cause.startswith("bus main: Network is down")
+
+
+def test_answered_late_and_missing_are_counted_for_each_drive(enabled, far_end, wait_until):
+    far_end.drives[5].answers_sync = False
+    wait_until(lambda: enabled.master.snapshot().statistics.answers[5].missing > 3)
+    answers = enabled.master.snapshot().statistics.answers
+    assert answers[0].answered > answers[5].answered
+    far_end.send(0x186, far_end.drives[5].tpdo())  # an answer to a SYNC of long ago
+    wait_until(lambda: enabled.master.snapshot().statistics.answers[5].late == 1)
+    assert enabled.master.snapshot().feedback_ages[5] >= 0.0
+
+
+@pytest.fixture
+def velocity_config(mapping, far_end):
+    """Drives that send their velocity in a second TPDO, in revolutions a minute."""
+    mapping["velocity_source"] = "velocity_actual"
+    mapping["pdo"]["drive_tpdo_2"] = ["velocity_actual"]
+    for drive in far_end.drives:
+        drive.objects[0x60A9, 0] = bytes.fromhex("00 47 B4 00")  # CiA 303-2: revolutions a minute
+    return CanConfig.from_mapping(mapping, "can.yaml")
+
+
+def test_the_speed_is_the_one_that_the_drives_measure(config, velocity_config, ports, far_end, wait_until):
+    del config
+    rig = Rig(velocity_config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.states)
+        far_end.drives[0].velocity = 60
+        far_end.drives[1].velocity = 60  # polarity -1
+        wait_until(lambda: rig.states[-1].speeds[0] != 0.0)
+        wait_until(lambda: rig.states[-1].speeds[:2] == pytest.approx((2 * math.pi, -2 * math.pi)))
+        assert rig.states[-1].angles[0] == 0.0  # whatever the positions are
+        assert [far_end.drives[0].read(0x1801, n) for n in (1, 2)] == [0x4000_0281, 1]
+        assert far_end.drives[0].read(0x1A01, 1) == 0x606C_0020
+    finally:
+        rig.master.stop()
+
+
+def test_a_velocity_of_unknown_unit_is_refused(velocity_config, ports, far_end, wait_until):
+    far_end.drives[2].objects[0x60A9, 0] = bytes.fromhex("00 47 01 00")
+    rig = Rig(velocity_config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert rig.lines[0].startswith(
+            "motor_3 (node 3 on main): 60A9h:00 (SI unit velocity) is 83712 (0x14700): "
+        )
+        assert far_end.drives[2].writes == []
+    finally:
+        rig.master.stop()
+
+
+def test_positions_of_unknown_unit_are_refused(config, ports, far_end, wait_until):
+    far_end.drives[2].objects[0x60A8, 0] = bytes.fromhex("00 00 41 00")  # degrees
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert "60A8h:00 (SI unit position) is 4259840 (0x410000), not increments" in rig.lines[0]
+    finally:
+        rig.master.stop()

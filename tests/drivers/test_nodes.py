@@ -1,11 +1,13 @@
 """The drivers' nodes, each in a context of its own, on a bus with scripted devices."""
 
+import dataclasses
 import math
 import os
 import time
 
 import pytest
 import rclpy
+from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -132,11 +134,18 @@ def drives(bench, config, ports):
 
 def test_enable_move_disable(bench, drives, far_end):
     bench.enable()
-    assert bench.drives[-1]["motor_3"] == (
-        Level.OK,
-        "operation_enabled",
-        {"brake": "open", "error_code": "0x0000", "statusword": "0x4027", "unavailable": ""},
-    )
+    level, state, values = bench.drives[-1]["motor_3"]
+    assert (level, state) == (Level.OK, "operation_enabled")
+    assert float(values.pop("feedback_age_ms")) < 1000.0
+    assert values == {
+        "brake": "open",
+        "error_code": "0x0000",
+        "errors": "",
+        "remedy": "",
+        "statusword": "0x5037",
+        "emergency_stop": "",
+        "unavailable": "",
+    }
     far_end.drives[0].counts = 131072
     bench.until(lambda: bench.states[-1].position[0] == pytest.approx(2 * math.pi))
     bench.until(lambda: bench.states[-1].effort[1] == pytest.approx(1.0))
@@ -234,7 +243,7 @@ def test_a_missing_drive_is_named_in_diagnostics(bench, config, ports, far_end):
 def test_the_node_makes_the_robot_safe_when_it_ends(bench, drives, far_end):
     bench.enable()
     drives.make_safe()
-    assert all(drive.status == 0x40 for drive in far_end.drives)
+    assert all(drive.status == 0x50 for drive in far_end.drives)
     bench.until(lambda: bench.state == "disabled")
 
 
@@ -258,3 +267,70 @@ def test_a_missing_interface_is_named(context, mapping, tmp_path, node_class):
     path.write_text(str(mapping))  # a mapping printed by Python is YAML as well
     with pytest.raises(BusError, match="CAN bus main"):
         node_class(context=context, parameter_overrides=[Parameter("can_config", value=str(path))])
+
+
+def transition(bench, node, name):
+    """Ask a managed node for a transition; return whether it succeeded."""
+    client = bench.probe.create_client(ChangeState, f"/{node}/change_state")
+    bench.until(client.service_is_ready)
+    request = ChangeState.Request()
+    request.transition.label = name
+    future = client.call_async(request)
+    bench.until(future.done)
+    return future.result().success
+
+
+def test_the_life_cycle_of_the_driver(bench, config, ports, far_end):
+    by_hand = [Parameter("autostart", value=False)]
+    node = bench.add(CanDrives(config, ports, context=bench.context, parameter_overrides=by_hand))
+    assert bench.call("/can_drives/enable").message == "can_drives is not configured"
+    assert not any(drive.operational for drive in far_end.drives)
+    assert transition(bench, "can_drives", "configure")
+    bench.until(lambda: bench.state == "disabled")
+    assert bench.call("/can_drives/enable").message == "can_drives is inactive: activate it first"
+    assert transition(bench, "can_drives", "activate")
+    bench.enable()
+    assert transition(bench, "can_drives", "deactivate")
+    assert all(drive.status == 0x50 for drive in far_end.drives)
+    bench.until(lambda: bench.state == "disabled")
+    assert transition(bench, "can_drives", "cleanup")
+    assert not any(drive.operational for drive in far_end.drives)
+    assert transition(bench, "can_drives", "configure")
+    assert transition(bench, "can_drives", "activate")
+    bench.enable()
+    node.make_safe()
+    assert all(drive.status == 0x50 for drive in far_end.drives)
+
+
+def test_a_bus_that_cannot_be_opened_leaves_the_node_unconfigured(bench, config):
+    bus = dataclasses.replace(config.buses[0], interface="carrier_pigeon")
+    broken = dataclasses.replace(config, buses=(bus,))
+    by_hand = [Parameter("autostart", value=False)]
+    bench.add(CanDrives(broken, context=bench.context, parameter_overrides=by_hand))
+    assert not transition(bench, "can_drives", "configure")
+    assert bench.call("/can_drives/quick_stop").message == "can_drives is not configured"
+    with pytest.raises(BusError, match="CAN bus main"):
+        CanDrives(broken, context=bench.context)
+
+
+def test_commands_to_one_drive(bench, drives, far_end):
+    bench.until(lambda: bench.state == "disabled")
+    bench.until(lambda: bench.call("/can_drives/motor_3/enable").success)
+    bench.until(lambda: bench.state == "enabled")
+    assert bench.drives[-1]["can_drives"][2]["enabled"] == "motor_3"
+    assert bench.drives[-1]["motor_4"][2]["brake"] == "closed"
+    assert bench.call("/can_drives/motor_3/quick_stop").success
+    bench.until(lambda: bench.state == "fault")
+    assert bench.cause == "quick stop of motor_3 commanded"
+    bench.until(lambda: bench.call("/can_drives/fault_reset").success)
+    bench.until(lambda: bench.state == "disabled")
+    far_end.drives[4].status = 0x18
+    bench.until(lambda: bench.state == "fault")
+    bench.until(lambda: bench.call("/can_drives/motor_5/fault_reset").success)
+    bench.until(lambda: bench.drives[-1]["motor_5"][1] == "switch_on_disabled")
+    assert bench.state == "fault"
+    bench.until(lambda: bench.call("/can_drives/fault_reset").success)
+    bench.until(lambda: bench.state == "disabled")
+    bench.until(lambda: bench.call("/can_drives/motor_5/enable").success)
+    assert bench.call("/can_drives/motor_5/disable").success
+    bench.until(lambda: bench.state == "disabled")

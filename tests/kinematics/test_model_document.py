@@ -14,11 +14,14 @@ from cspr_kinematics import (
     Pose,
     Pulleys,
     Robot,
+    Task,
     Twist,
+    assess_task,
     distribute_tensions,
     feedforward_tensions,
     forward_kinematics,
     inverse_kinematics,
+    largest_acceleration,
     pose_covariance,
     required_wrench,
     static_wrench,
@@ -209,6 +212,36 @@ def bounded_table(robot: Robot, _: Robot) -> Table:
     return rows
 
 
+def method_table(robot: Robot, _: Robot) -> Table:
+    A, w = inverse_kinematics(robot, robot.home).wrench_matrix, static_wrench(robot, robot.home, PAYLOAD)
+    rows = [row("method", "least, N", "largest, N", "distance to the limits, N")]
+    for method in ("minimum_norm", "closest", "centroid", "analytic_center"):
+        result = distribute_tensions(A, w, robot.tension_min, robot.tension_max, method)
+        values = [result.tensions.min(), result.tensions.max(), float(result.margin)]
+        rows.append(row(f"`{method}`", *numbers(values, 1)))
+    return rows
+
+
+def reach_table(robot: Robot, _: Robot) -> Table:
+    home = robot.home
+    empty, loaded = (assess_task(robot, home, Task(mass, mass)) for mass in (0.0, PAYLOAD.mass))
+    upwards, turning = ([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    return [
+        row("quantity at home, at rest", "value"),
+        row("margin of the empty platform", f"{float(empty.margin):.1f} N"),
+        row("margin with 200 kg", f"{float(loaded.margin):.1f} N"),
+        row("largest payload", f"{float(empty.payload_max):.1f} kg"),
+        row(
+            "largest acceleration upwards with 200 kg",
+            f"{largest_acceleration(robot, home, upwards, PAYLOAD):.2f} m/s^2",
+        ),
+        row(
+            "largest angular acceleration about z with 200 kg",
+            f"{largest_acceleration(robot, home, turning, PAYLOAD):.2f} rad/s^2",
+        ),
+    ]
+
+
 TABLES = (
     home_table,
     home_facts,
@@ -216,6 +249,8 @@ TABLES = (
     deviation_table,
     payload_change_table,
     bounded_table,
+    method_table,
+    reach_table,
     pulley_table,
     pulley_error_table,
     accuracy_table,

@@ -71,8 +71,11 @@ class Recording:
         vectors = (rng.normal(size=size) for size in VECTORS.values())
         return ReferenceSample(self.start + index, index * 0.004, *vectors)
 
-    def write(self, name: str = "bag", close: bool = True) -> Path:
-        """Write it as a bag of several chunks; unless it is closed, leave it as a power failure would."""
+    def write(self, name: str = "bag", close: bool = True, split: bool = False) -> Path:
+        """Write it as a bag of several chunks; unless it is closed, leave it as a power failure would.
+
+        Split, it has three files.
+        """
         bag = BagFile(
             self.directory / name, {"host": "here"}, [Attachment("config/robot.yaml", b"name: x\n")]
         )
@@ -87,6 +90,8 @@ class Recording:
                 bag.add_message(references, time_ns, time_ns, reference_codec.encode(self.reference(index)))
             if index % 250 == 249:
                 bag.sync()
+            if split and index in (700, 1400):
+                bag.split()
         if close:
             bag.close()
         else:

@@ -1,7 +1,12 @@
 import errno
 import os
+import shutil
+import subprocess
+import sys
 import threading
 import time
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +18,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
-from cspr_msgs_py.bag_file import Attachment, BagFile, Compression
-from cspr_msgs_py.bag_metadata import OfferedQos, RecordedTopic
+from cspr_msgs_py.bag_file import Attachment, BagFile, Compression, Split
+from cspr_msgs_py.bag_metadata import OfferedQos, RecordedTopic, parse_offered_qos
 from cspr_msgs_py.bag_reader import Bag, BagWarning
 from cspr_msgs_py.bag_writer import FLUSH_PERIOD, BagWriter
 from cspr_msgs_py.errors import BagError
@@ -79,6 +84,206 @@ class TestStandardTools:
             assert reader.message_count == 0
         with Bag(bag.directory) as read:
             assert read.counts == {"/motor_states": 0}
+
+
+class TestSplitBags:
+    @pytest.fixture
+    def directory(self, recording) -> Path:
+        return recording.write(split=True)
+
+    def test_every_file_stands_alone(self, directory: Path, recording) -> None:
+        total = 0
+        for index in range(3):
+            with Bag(directory / f"bag_{index}.mcap") as bag:
+                assert bag.complete
+                assert bag.attachments.keys() == {"config/robot.yaml"}
+                assert bag.topics.keys() == {"/motor_states", "/reference", "/platform_pose"}
+                total += bag.counts["/motor_states"]
+        assert total == recording.number
+
+    def test_standard_tools_read_them_as_one(self, directory: Path, recording) -> None:
+        with Reader(directory) as reader:
+            assert reader.message_count == recording.number * 11 // 10
+            assert reader.duration == (recording.number - 1) * 4_000_000 + 1
+            stamps = [time_ns for _, time_ns, _ in reader.messages()]
+        assert len(stamps) == recording.number * 11 // 10
+        with Bag(directory) as bag:
+            np.testing.assert_array_equal(bag["/motor_states"].position[:, 0], np.arange(recording.number))
+
+    def test_metadata_list_the_files(self, directory: Path, recording) -> None:
+        content = yaml.safe_load((directory / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        assert content["relative_file_paths"] == [f"bag_{index}.mcap" for index in range(3)]
+        assert [file["path"] for file in content["files"]] == content["relative_file_paths"]
+        counts = [file["message_count"] for file in content["files"]]
+        assert sum(counts) == content["message_count"] == recording.number * 11 // 10
+        starts = [file["starting_time"]["nanoseconds_since_epoch"] for file in content["files"]]
+        assert starts == [
+            recording.start,
+            recording.start + 701 * 4_000_000,
+            recording.start + 1401 * 4_000_000,
+        ]
+
+    @pytest.mark.parametrize("split", [Split(size=100_000), Split(duration=1_000_000_000)])
+    def test_limits_are_kept(self, tmp_path: Path, recording, split: Split) -> None:
+        bag = BagFile(tmp_path / "bag", {}, compression=Compression.NONE, split=split)
+        topic = bag.add_topic(TOPIC)
+        for index in range(1000):
+            bag.add_message(topic, index * 4_000_000, index * 4_000_000, recording.state(index))
+            if index % 50 == 49:
+                bag.sync()
+        bag.close()
+        assert bag.files >= 4
+        for file in bag.directory.glob("*.mcap"):
+            assert file.stat().st_size < 150_000
+        with Bag(bag.directory) as read:
+            assert read.counts == {"/motor_states": 1000}
+
+
+class TestMetadata:
+    """``metadata.yaml``, key by key as rosbag2_storage's yaml.hpp of Jazzy writes it."""
+
+    def test_layout_of_version_9(self, recording) -> None:
+        content = yaml.safe_load((recording.write() / "metadata.yaml").read_text())
+        (information,) = content.values()
+        assert list(content) == ["rosbag2_bagfile_information"]
+        assert list(information) == [
+            "version",
+            "storage_identifier",
+            "duration",
+            "starting_time",
+            "message_count",
+            "topics_with_message_count",
+            "compression_format",
+            "compression_mode",
+            "relative_file_paths",
+            "files",
+            "custom_data",
+            "ros_distro",
+        ]
+        topic = information["topics_with_message_count"][0]
+        assert list(topic) == ["topic_metadata", "message_count"]
+        assert list(topic["topic_metadata"]) == [
+            "name",
+            "type",
+            "serialization_format",
+            "offered_qos_profiles",
+            "type_description_hash",
+        ]
+        assert topic["topic_metadata"]["offered_qos_profiles"] == [
+            {
+                "history": "keep_last",
+                "depth": 5,
+                "reliability": "best_effort",
+                "durability": "volatile",
+                "deadline": {"sec": 9223372036, "nsec": 854775807},
+                "lifespan": {"sec": 9223372036, "nsec": 854775807},
+                "liveliness": "automatic",
+                "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
+                "avoid_ros_namespace_conventions": False,
+            }
+        ]
+        assert list(information["files"][0]) == ["path", "starting_time", "duration", "message_count"]
+        assert information["custom_data"] == {"host": "here"}
+
+    def test_it_is_there_from_the_start(self, tmp_path: Path) -> None:
+        bag = BagFile(tmp_path / "bag", {})
+        content = yaml.safe_load((bag.directory / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        bag.abandon()
+        assert content["relative_file_paths"] == ["bag_0.mcap"]
+        assert content["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}  # as rosbag2 writes it
+
+    def test_profiles_of_every_version_are_understood(self) -> None:
+        profile = OfferedQos("keep_last", 7, "reliable", "transient_local", lifespan=2_500_000_000)
+        topic = RecordedTopic("/x", "x/msg/X", "", (profile, OfferedQos()))
+        assert parse_offered_qos(topic.channel_metadata["offered_qos_profiles"]) == topic.qos
+        numbers = """- history: 1
+  depth: 7
+  reliability: 1
+  durability: 1
+  deadline: {sec: 2147483647, nsec: 4294967295}
+  lifespan: {sec: 2, nsec: 500000000}
+  liveliness: 1
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
+"""
+        (older,) = parse_offered_qos(numbers)
+        assert older == replace(profile, deadline=older.deadline)
+        assert parse_offered_qos("- what: ever\n- 1\n") == parse_offered_qos("}{") == ()
+
+
+FILL_THE_DISK = """
+import os, resource, sys
+from cspr_msgs_py.bag_file import BagFile, Compression
+from cspr_msgs_py.bag_writer import BagWriter
+from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.errors import BagError
+directory, limit = sys.argv[1], int(sys.argv[2])
+if limit:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+writer = BagWriter(BagFile(directory, {}, compression=Compression.NONE))
+topic = writer.add_topic(RecordedTopic("/t", "x/msg/X", ""))
+number = 0
+while writer.error is None and number < 100_000:
+    if writer.waiting < 100:
+        writer.write(topic, number, number, number.to_bytes(8, "little") + bytes(10_000))
+        number += 1
+try:
+    writer.close()
+except BagError as error:
+    print(number, sum(writer.counts.values()), sum(writer.drops.values()), error)
+"""
+
+
+class TestFullDisk:
+    """The kernel's own refusal, not one that is made up."""
+
+    def fill(self, directory: Path, limit: int = 0) -> tuple[list[int], str]:
+        done = subprocess.run(
+            [sys.executable, "-c", FILL_THE_DISK, str(directory), str(limit)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        )
+        *numbers, text = done.stdout.split(maxsplit=3)
+        return [int(number) for number in numbers], text
+
+    def check(self, directory: Path, numbers: list[int]) -> None:
+        taken, written, dropped = numbers
+        assert written > 100
+        assert taken == written + dropped
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with Bag(directory) as bag:
+                assert bag.complete
+                messages = [int.from_bytes(data[:8], "little") for *_, data in bag.messages("/t")]
+                # the last message may have come when the bag was closed already
+                assert dropped - 1 <= int(bag.metadata["dropped"]["/t"]) <= dropped
+        assert messages == list(range(written))
+        with Reader(directory) as reader:
+            assert reader.message_count == written
+
+    def test_a_file_system_without_space(self, tmp_path: Path) -> None:
+        mount = tmp_path / "small"
+        mount.mkdir()
+        command = ["mount", "-t", "tmpfs", "-o", "size=16m", "tmpfs", str(mount)]
+        if (
+            shutil.which("mount") is None
+            or subprocess.run(command, capture_output=True, check=False).returncode
+        ):
+            pytest.skip("mounting a small file system is not permitted here")
+        try:
+            numbers, text = self.fill(mount / "bag")
+            assert "recording ended early" in text
+            assert "No space left on device" in text
+            self.check(mount / "bag", numbers)
+        finally:
+            subprocess.run(["umount", str(mount)], check=True)
+
+    def test_a_limit_of_the_file_size(self, tmp_path: Path) -> None:
+        numbers, text = self.fill(tmp_path / "bag", limit=6_300_000)
+        assert "File too large" in text
+        self.check(tmp_path / "bag", numbers)
 
 
 class TestRefusals:
@@ -160,10 +365,41 @@ class TestWriter:
             time.sleep(0.02)
         writer.write(topic, 2, 2, recording.state(2))
         assert writer.drops == {"/motor_states": 1}
-        with pytest.raises(BagError, match=r"writing .*bag_0.mcap ended early: No space left on device"):
+        with pytest.raises(BagError, match=r"ended early, .*bag_0.mcap cannot be written: No space left"):
             writer.close()
-        with pytest.warns(BagWarning), Bag(bag.directory) as read:
+        with Bag(bag.directory) as read:
             assert read.counts == {"/motor_states": 1}
+        assert not (bag.directory / ".reserve").exists()
+
+    def test_a_queue_is_bounded_in_bytes_too(self, bag, recording, monkeypatch) -> None:
+        release = threading.Event()
+        monkeypatch.setattr(os, "fdatasync", lambda descriptor: release.wait(10))
+        writer = BagWriter(bag, queue_size=10_000_000)
+        topic = writer.add_topic(TOPIC)
+        time.sleep(2 * FLUSH_PERIOD)  # by now the thread waits for the disk
+        for index in range(20):
+            writer.write(topic, index, index, bytes(1_000_000))
+        assert writer.drops == {"/motor_states": 10}
+        release.set()
+        writer.close()
+        with Bag(bag.directory) as read:
+            assert read.metadata["dropped"] == {"/motor_states": "10"}
+
+    def test_a_bag_can_go_on_in_a_new_file_at_any_time(self, bag, recording) -> None:
+        writer = BagWriter(bag)
+        topic = writer.add_topic(TOPIC)
+        writer.write(topic, 1, 1, recording.state(1))
+        writer.split()
+        deadline = time.monotonic() + 20.0
+        while bag.files == 1:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        writer.write(topic, 2, 2, recording.state(2))
+        writer.close()
+        assert writer.counts == {"/motor_states": 2}
+        for index in range(2):
+            with Bag(bag.directory / f"bag_{index}.mcap") as read:
+                assert read.counts == {"/motor_states": 1}
 
     def test_a_disk_that_fills_at_the_very_end(self, bag, monkeypatch) -> None:
         writer = BagWriter(bag)

@@ -62,9 +62,10 @@ def bus_loads(config: CanConfig) -> tuple[BusLoad, ...]:
         for count, name, layout in (
             (drives, "drive RPDO", config.pdo.drive_rpdo),
             (drives, "drive TPDO", config.pdo.drive_tpdo),
+            (drives, "drive TPDO 2", config.pdo.drive_tpdo_2),
             (load_cells, "load cell TPDO", config.pdo.load_cell_tpdo),
         ):
-            if count:
+            if count and layout is not None:
                 frame = worst_case_bits(layout.length)
                 bits += count * frame
                 parts.append(f"{count} x {name} {frame}")

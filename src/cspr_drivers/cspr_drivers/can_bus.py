@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import errno
 import logging
+import math
 import struct
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack
 from queue import SimpleQueue
 
@@ -18,6 +19,7 @@ from cspr_drivers import clock
 from cspr_drivers.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError, FrameError
 from cspr_drivers.frame_table import NMT_COB_ID, SYNC_COB_ID, FunctionCode, cob_id
+from cspr_drivers.socketcan_bus import QuickSocketCan, error_frame_text, is_bus_off
 
 FrameHandler = Callable[[bytes | bytearray, float], None]
 SyncHandler = Callable[[float, int], None]
@@ -36,6 +38,10 @@ _OPEN_PROBLEMS = {
     errno.EPROTONOSUPPORT: "this kernel has no CAN support; `modprobe can_raw` loads it",
 }
 
+
+# The queue of the interface is full (txqueuelen), or the buffer of the socket is.
+_NO_ROOM = (errno.ENOBUFS, errno.EAGAIN)
+_RETRY_INTERVAL = 200e-6  # s; some two frames on a bus of 1 Mbit/s
 
 _CONTENT_OF_A_FRAME = tuple(slot for slot in can.Message.__slots__ if not slot.startswith("__"))
 
@@ -133,8 +139,8 @@ class CanPort:
         Name of the bus in the configuration.
     network
         The CANopen network on this bus, for NMT, SDO and EMCY.
-    unknown_frames, malformed_frames, send_errors, bus_errors
-        Counts since the bus was opened.
+    unknown_frames, malformed_frames, send_errors, send_retries, bus_errors
+        Counts since the bus was opened. Frames of unknown COB-IDs are seen only on interfaces without filters.
     last_problem
         The newest of what was counted, in words; empty when nothing was.
     """
@@ -146,12 +152,14 @@ class CanPort:
         self.unknown_frames = 0
         self.malformed_frames = 0
         self.send_errors = 0
+        self.send_retries = 0
         self.bus_errors = 0
         self.last_problem = ""
         self._bus = bus
         self._handlers: dict[int, FrameHandler] = {}
         self._known = frozenset(known_cob_ids)
         self._closed = threading.Event()
+        self._failure_handlers: list[Callable[[str], None]] = []
         # Both clocks are read together at each SYNC, see `note_sync`.
         self._wall_to_monotonic = clock.monotonic() - clock.time()
         # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
@@ -167,16 +175,51 @@ class CanPort:
         """Let nobody have the frames of a COB-ID any more."""
         self._handlers.pop(cob_id, None)
 
-    def send(self, message: can.Message) -> bool:
-        """Put a frame on the bus; return whether that went well. Failures are counted, not raised."""
+    def on_failure(self, handler: Callable[[str], None]) -> None:
+        """Call `handler`, in the receiving thread, with the words for it when the bus carries no frames any more."""
+        self._failure_handlers.append(handler)
+
+    def off_failure(self, handler: Callable[[str], None]) -> None:
+        """Call a handler no more."""
+        self._failure_handlers.remove(handler)
+
+    @property
+    def dropped_frames(self) -> int:
+        """Received frames that the kernel had no room for, since the bus was opened."""
+        return int(getattr(self._bus, "dropped_frames", 0))
+
+    def send(self, message: can.Message, deadline: float = -math.inf) -> bool:
+        """Put a frame on the bus; return whether that went well. Failures are counted, not raised.
+
+        Parameters
+        ----------
+        message
+            The frame.
+        deadline
+            Time, s, until which the frame is worth sending: while the interface has no room for it, it is tried again
+            until then.
+        """
         try:
             with self.network.send_lock:
                 self._bus.send(message)
         except can.CanError as error:
-            self.send_errors += 1
-            self.last_problem = f"sending COB-ID 0x{message.arbitration_id:03X}: {error}"
-            return False
+            return self._send_again(message, error, deadline)
         return True
+
+    def _send_again(self, message: can.Message, error: can.CanError, deadline: float) -> bool:
+        while getattr(error, "error_code", None) in _NO_ROOM and clock.monotonic() < deadline:
+            self.send_retries += 1
+            clock.sleep(_RETRY_INTERVAL)
+            try:
+                with self.network.send_lock:
+                    self._bus.send(message)
+            except can.CanError as again:
+                error = again
+            else:
+                return True
+        self.send_errors += 1
+        self.last_problem = f"sending COB-ID 0x{message.arbitration_id:03X}: {error}"
+        return False
 
     def note_sync(self, now: float) -> None:
         """Align wall-clock stamps of received frames with the monotonic clock at `now`."""
@@ -193,7 +236,9 @@ class CanPort:
         identifier = message.arbitration_id
         if message.is_error_frame:
             self.bus_errors += 1
-            self.last_problem = "error frame on the bus"
+            self.last_problem = error_frame_text(message)
+            if is_bus_off(message):
+                self._failed(self.last_problem)
             return
         if message.is_remote_frame:
             return
@@ -216,8 +261,13 @@ class CanPort:
             self.bus_errors += 1
             self.last_problem = f"receiving: {error}"
             self._forget_failure()
+            self._failed(str(error))
             # An interface that went down fails again at once, for as long as it is down.
             self._closed.wait(0.1)
+
+    def _failed(self, problem: str) -> None:
+        for handler in self._failure_handlers:
+            handler(problem)
 
     def _forget_failure(self) -> None:
         """Keep canopen from refusing to send for ever after one failure; the next frame may come through."""
@@ -318,7 +368,8 @@ def open_ports(config: CanConfig) -> CanPorts:
     ports: list[CanPort] = []
     try:
         for bus in config.buses:
-            ports.append(CanPort(bus.name, open_bus(bus), _known_cob_ids(config, bus.name)))
+            known = _known_cob_ids(config, bus.name)
+            ports.append(CanPort(bus.name, open_bus(bus, known), known))
     except BusError:
         for port in ports:
             port.close()
@@ -326,8 +377,15 @@ def open_ports(config: CanConfig) -> CanPorts:
     return CanPorts(ports)
 
 
-def open_bus(config: BusConfig) -> can.BusABC:
+def open_bus(config: BusConfig, cob_ids: Collection[int] | None = None) -> can.BusABC:
     """Open one bus with python-can.
+
+    Parameters
+    ----------
+    config
+        The bus.
+    cob_ids
+        COB-IDs of the frames that are wanted, where the interface has a filter; by default all.
 
     Raises
     ------
@@ -338,7 +396,10 @@ def open_bus(config: BusConfig) -> can.BusABC:
     if config.interface == "virtual":
         return QuickVirtualBus(config.channel)
     try:
-        bus = can.Bus(channel=config.channel, interface=config.interface, bitrate=config.bitrate)
+        if config.interface == "socketcan":
+            bus = QuickSocketCan(config.channel, cob_ids)
+        else:
+            bus = can.Bus(channel=config.channel, interface=config.interface, bitrate=config.bitrate)
     except can.CanInterfaceNotImplementedError:
         raise BusError(
             f"{place}: python-can has no interface of this type, or its driver is missing"

@@ -20,7 +20,8 @@ LARGEST_INT32 = 2**31 - 1
 class VelocitySource(Enum):
     """Where the motor speed comes from."""
 
-    POSITION_DIFFERENCE = "position_difference"  # of 6064h, over the time between the two SYNCs
+    POSITION_DIFFERENCE = "position_difference"  # of 6064h, over the time between the two SYNCs, filtered
+    VELOCITY_ACTUAL = "velocity_actual"  # 606Ch, in a second TPDO
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,43 @@ class LoadCellConfig:
 
 
 @dataclass(frozen=True)
+class EmergencyStopInput:
+    """Digital input of the drives that watches the emergency stop chain: bit of 60FDh, and its value when open."""
+
+    bit: int
+    active: int
+
+    def is_active(self, inputs: int) -> bool:
+        """Return whether the chain is open at a value of 60FDh."""
+        return inputs >> self.bit & 1 == self.active
+
+
+@dataclass(frozen=True)
+class LoadCellChecks:
+    """When a load cell counts as stuck.
+
+    Attributes
+    ----------
+    stuck_time
+        Time for which it shows the very same value, s...
+    stuck_span
+        ...while the tension of another cable changes by more than this, N.
+    """
+
+    stuck_time: float
+    stuck_span: float
+
+
+@dataclass(frozen=True)
 class PdoConfig:
-    """Layouts of the three process data objects in use."""
+    """Layouts of the process data objects that are sent in each cycle.
+
+    `drive_tpdo_2` is `None` unless the drives send their velocity.
+    """
 
     drive_rpdo: PdoLayout
     drive_tpdo: PdoLayout
+    drive_tpdo_2: PdoLayout | None
     load_cell_tpdo: PdoLayout
 
 
@@ -98,6 +131,10 @@ class CanConfig:
         Node id of the driver, which its heartbeat carries.
     velocity_source
         Where motor speeds come from.
+    velocity_filter
+        Time constant of the filter of speeds that are differences of positions, s; 0 for none.
+    emergency_stop_input
+        Digital input of the drives that watches the emergency stop chain; `None` when it is wired to none.
     brake_open_bit
         Bit of the status word that is set while a drive's brake is open (manufacturer specific: 8, 14 or 15).
     buses, drives, load_cells
@@ -106,6 +143,8 @@ class CanConfig:
         Frame layouts.
     option_codes
         What the drives do when they stop.
+    load_cell_checks
+        When a load cell counts as stuck.
     timeouts
         Limits in time.
     """
@@ -115,12 +154,15 @@ class CanConfig:
     bus_load_limit: float
     master_node_id: int
     velocity_source: VelocitySource
+    velocity_filter: float
+    emergency_stop_input: EmergencyStopInput | None
     brake_open_bit: int
     buses: tuple[BusConfig, ...]
     drives: tuple[DriveConfig, ...]
     load_cells: tuple[LoadCellConfig, ...]
     pdo: PdoConfig
     option_codes: OptionCodes
+    load_cell_checks: LoadCellChecks
     timeouts: Timeouts
 
     @staticmethod
@@ -144,22 +186,26 @@ class CanConfig:
         """Validate the top-level section of a configuration."""
         buses = _buses(top.section("buses"))
         names = tuple(bus.name for bus in buses)
+        velocity_source = VelocitySource(
+            top.choice("velocity_source", [source.value for source in VelocitySource])
+        )
         config = CanConfig(
             source=top.source,
             rate=top.number("rate", above=0.0),
             bus_load_limit=top.number("bus_load_limit", above=0.0),
             master_node_id=top.integer("master_node_id", 1, 127),
-            velocity_source=VelocitySource(
-                top.choice("velocity_source", [source.value for source in VelocitySource])
-            ),
+            velocity_source=velocity_source,
+            velocity_filter=top.number("velocity_filter", minimum=0.0),
+            emergency_stop_input=_emergency_stop_input(top.section_or_none("emergency_stop_input")),
             brake_open_bit=int(top.choice("brake_open_bit", [8, 14, 15])),
             buses=buses,
             drives=tuple(_drive(s, place, names) for place, s in enumerate(top.sections("drives"))),
             load_cells=tuple(
                 _load_cell(s, place, names) for place, s in enumerate(top.sections("load_cells"))
             ),
-            pdo=_pdo(top.section("pdo")),
+            pdo=_pdo(top.section("pdo"), velocity_source),
             option_codes=read_option_codes(top.section("option_codes")),
+            load_cell_checks=_load_cell_checks(top.section("load_cell_checks")),
             timeouts=read_timeouts(top.section("timeouts")),
         )
         if config.bus_load_limit > 1.0:
@@ -238,12 +284,34 @@ def _load_cell(section: ConfigSection, place: int, buses: tuple[str, ...]) -> Lo
     return LoadCellConfig(f"cable_{place + 1}", bus, node_id, units, identity)
 
 
-def _pdo(section: ConfigSection) -> PdoConfig:
+def _emergency_stop_input(section: ConfigSection | None) -> EmergencyStopInput | None:
+    if section is None:
+        return None
+    entry = EmergencyStopInput(
+        bit=section.integer("bit", 0, 31), active=int(section.choice("active", [0, 1]))
+    )
+    section.finish()
+    return entry
+
+
+def _load_cell_checks(section: ConfigSection) -> LoadCellChecks:
+    checks = LoadCellChecks(
+        stuck_time=section.number("stuck_time", above=0.0), stuck_span=section.number("stuck_span", above=0.0)
+    )
+    section.finish()
+    return checks
+
+
+def _pdo(section: ConfigSection, velocity_source: VelocitySource) -> PdoConfig:
+    velocity = velocity_source is VelocitySource.VELOCITY_ACTUAL
     pdo = PdoConfig(
         drive_rpdo=_layout(section, "drive_rpdo", frame_table.DRIVE_RPDO1),
         drive_tpdo=_layout(section, "drive_tpdo", frame_table.DRIVE_TPDO1),
+        drive_tpdo_2=_layout(section, "drive_tpdo_2", frame_table.DRIVE_TPDO2) if velocity else None,
         load_cell_tpdo=_layout(section, "load_cell_tpdo", frame_table.LOAD_CELL_TPDO1),
     )
+    if not velocity and section.texts("drive_tpdo_2"):
+        raise section.error("drive_tpdo_2", f"must be empty with velocity_source = {velocity_source.value}")
     section.finish()
     return pdo
 

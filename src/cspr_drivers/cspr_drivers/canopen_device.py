@@ -68,11 +68,12 @@ class CanopenDevice:
         self._started: float | None = None
         self._nmt_state: int | None = None
         self._on_boot = on_boot
+        self._sdo_timeout = sdo_timeout
         # Objects are addressed by index, so the master needs no object dictionary of the device.
         self._node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())
         self._network = port.network
         self._network.add_node(self._node)
-        self._node.sdo.RESPONSE_TIMEOUT = sdo_timeout
+        self._node.sdo.RESPONSE_TIMEOUT = clock.on_computer(sdo_timeout)
         self._node.nmt.add_heartbeat_callback(self._heard)
         self._on_emergency = on_emergency
         self._node.emcy.add_callback(self._emergency)
@@ -169,7 +170,7 @@ class CanopenDevice:
         DeviceError
             As `check`, if it does not come to have it.
         """
-        deadline = clock.monotonic() + self._node.sdo.RESPONSE_TIMEOUT
+        deadline = clock.monotonic() + self._sdo_timeout
         while True:
             try:
                 self.check((expected,))

@@ -6,6 +6,7 @@ answers each report with the control word that leads one transition closer to wh
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from cspr_drivers.errors import FrameError
@@ -58,6 +59,64 @@ class Target(Enum):
     QUICK_STOP = "quick_stop"  # the shortest way to a closed brake
     FAULT_RESET = "fault_reset"  # out of fault, to switch on disabled
 
+
+class Wait(Enum):
+    """What a transition waits for, which is what limits its time; the value names the limit in `Timeouts`."""
+
+    LOGIC = "transition"  # no brake moves
+    RELEASE = "enable"  # the brake opens
+    HOLD = "stop"  # the motor comes to rest and the brake closes
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A transition of the finite state automaton that this driver makes use of.
+
+    Attributes
+    ----------
+    number
+        In the figure of the standard.
+    source, target
+        States before and after.
+    command
+        Control word that asks for it, `None` when the drive takes it by itself.
+    wait
+        What it takes.
+    """
+
+    number: int
+    source: State
+    target: State
+    command: Command | None
+    wait: Wait
+
+
+TRANSITIONS: tuple[Transition, ...] = (
+    Transition(2, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, Command.SHUTDOWN, Wait.LOGIC),
+    Transition(3, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, Command.SWITCH_ON, Wait.LOGIC),
+    Transition(4, State.SWITCHED_ON, State.OPERATION_ENABLED, Command.ENABLE_OPERATION, Wait.RELEASE),
+    Transition(5, State.OPERATION_ENABLED, State.SWITCHED_ON, Command.DISABLE_OPERATION, Wait.HOLD),
+    Transition(6, State.SWITCHED_ON, State.READY_TO_SWITCH_ON, Command.SHUTDOWN, Wait.LOGIC),
+    Transition(7, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE, Wait.LOGIC),
+    Transition(7, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, Command.QUICK_STOP, Wait.LOGIC),
+    Transition(10, State.SWITCHED_ON, State.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE, Wait.LOGIC),
+    Transition(10, State.SWITCHED_ON, State.SWITCH_ON_DISABLED, Command.QUICK_STOP, Wait.LOGIC),
+    Transition(11, State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, Command.QUICK_STOP, Wait.LOGIC),
+    Transition(12, State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED, None, Wait.HOLD),
+    Transition(14, State.FAULT_REACTION_ACTIVE, State.FAULT, None, Wait.HOLD),
+    Transition(15, State.FAULT, State.SWITCH_ON_DISABLED, Command.FAULT_RESET, Wait.LOGIC),
+)
+
+_TRANSITION_OF = {(t.source, t.command): t for t in TRANSITIONS}
+
+
+def transition(state: State, control_word: int) -> Transition | None:
+    """Return the transition that a drive in `state` is to take on a control word, `None` when it may stay."""
+    return _TRANSITION_OF.get((state, None)) or _TRANSITION_OF.get((state, Command(control_word)))
+
+
+VOLTAGE_ENABLED = 1 << 4  # bits of the status word besides those of the state
+FOLLOWS_TARGET = 1 << 12  # in cyclic synchronous torque mode, while operation is enabled
 
 # Status word, object 6041h: mask and value of each state.
 STATUS_PATTERNS: tuple[tuple[State, int, int], ...] = (

@@ -13,6 +13,23 @@ from cspr_drivers.latency import LatencyHistogram, LatencySummary
 
 
 @dataclass(frozen=True)
+class AnswerCounts:
+    """How one device has answered the SYNC frames since the last `clear`.
+
+    Attributes
+    ----------
+    answered, missing
+        Cycles with its answer in time, and without.
+    late
+        Answers that came when the next cycle had begun; what they said was not used.
+    """
+
+    answered: int
+    late: int
+    missing: int
+
+
+@dataclass(frozen=True)
 class CycleStatistics:
     """Counts since the last `clear`.
 
@@ -32,6 +49,8 @@ class CycleStatistics:
         Feedback frames that answered the SYNC of an earlier cycle; their positions were not used.
     latency
         Of the cycles that were not missed.
+    answers
+        Of each drive.
     """
 
     cycles: int
@@ -41,6 +60,7 @@ class CycleStatistics:
     repeated_feedback: int
     late_feedback: int
     latency: LatencySummary
+    answers: tuple[AnswerCounts, ...]
 
 
 class Cycle:
@@ -50,12 +70,15 @@ class Cycle:
     ----------
     motors
         Number m of drives that answer, and of commands that each cycle wants.
+    frames
+        Frames in which each drive answers. Frame f of drive i has the index i + f m.
     """
 
-    def __init__(self, motors: int) -> None:
+    def __init__(self, motors: int, frames: int = 1) -> None:
         self._motors = motors
+        self._frames = motors * frames
         self._histogram = LatencyHistogram()
-        self._owed = [0] * motors  # answers to earlier SYNC frames that may still come
+        self._owed = [0] * self._frames  # answers to earlier SYNC frames that may still come
         self._taken_as_late: set[int] = set()
         self._answered: set[int] = set()
         self._commanded: set[int] = set()
@@ -64,12 +87,13 @@ class Cycle:
         self.clear()
 
     def _begin(self) -> None:
-        for index in range(self._motors):
+        for index in range(self._frames):
             if index in self._answered or index in self._taken_as_late:
                 # what was owed has come, or nothing came after what was taken for it: then it was lost, not late
                 self._owed[index] = 0
             elif self._begun:
                 self._owed[index] += 1
+                self._missing[index] += 1
         self._begun = True
         self._taken_as_late = set()
         self._answered = set()
@@ -86,12 +110,16 @@ class Cycle:
         self._repeated_feedback = 0
         self._late_feedback = 0
         self._histogram.clear()
+        self._ended = 0
+        self._missing = [0] * self._frames
+        self._late = [0] * self._frames
 
     def sync(self, counted: bool) -> None:
         """End the present cycle, which enters the statistics when `counted`, and begin the next."""
+        self._ended += self._begun
         if counted:
             self._cycles += 1
-            if len(self._answered) < self._motors:
+            if len(self._answered) < self._frames:
                 self._incomplete += 1
             if len(self._commanded) < self._motors:
                 self._missed += 1
@@ -110,6 +138,7 @@ class Cycle:
         self._owed[index] -= 1
         self._taken_as_late.add(index)
         self._late_feedback += 1
+        self._late[index] += 1
         return True
 
     def feedback(self, index: int, time: float) -> bool:
@@ -119,7 +148,7 @@ class Cycle:
             return False
         self._answered.add(index)
         self._last_feedback = max(self._last_feedback, time)
-        return len(self._answered) == self._motors
+        return len(self._answered) == self._frames
 
     def command(self, index: int, fresh: bool, time: float) -> None:
         """Note that a command was put on the bus at `time`."""
@@ -131,8 +160,8 @@ class Cycle:
 
     @property
     def missing(self) -> tuple[int, ...]:
-        """Drives that have not answered in the present cycle."""
-        return tuple(index for index in range(self._motors) if index not in self._answered)
+        """Frames that have not come in the present cycle."""
+        return tuple(index for index in range(self._frames) if index not in self._answered)
 
     def statistics(self) -> CycleStatistics:
         """Return the counts so far."""
@@ -144,4 +173,10 @@ class Cycle:
             self._repeated_feedback,
             self._late_feedback,
             self._histogram.summary(),
+            tuple(map(self._counts, range(self._motors))),
         )
+
+    def _counts(self, motor: int) -> AnswerCounts:
+        missing = max(self._missing[motor :: self._motors])
+        # A drive that answers in two frames is late in both.
+        return AnswerCounts(self._ended - missing, max(self._late[motor :: self._motors]), missing)

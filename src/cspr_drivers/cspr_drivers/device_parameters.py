@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from cspr_drivers import cia402, cia404
 from cspr_drivers.can_config import CanConfig, DriveConfig, LoadCellConfig
-from cspr_drivers.frame_table import FunctionCode, TransmissionType, cob_id
+from cspr_drivers.frame_table import DRIVE_TPDO3, FunctionCode, TransmissionType, cob_id
 from cspr_drivers.identity import Identity
 from cspr_drivers.object_entry import Parameter, Setting
 from cspr_drivers.pdo_parameters import RPDO, TPDO, default_pdos, pdo_setting
@@ -72,14 +72,17 @@ def drive_settings(config: CanConfig, drive: DriveConfig) -> tuple[Setting, ...]
         Parameter(0x1016, 1, 32, heartbeat, "consumer heartbeat time"),
         Parameter(0x1017, 0, 16, milliseconds(times.heartbeat_producer), "producer heartbeat time, ms"),
     )
-    return (
-        *map(Setting.of, single),
+    return (*map(Setting.of, single), *_drive_pdos(config, drive))
+
+
+def _drive_pdos(config: CanConfig, drive: DriveConfig) -> list[Setting]:
+    pdos = [
         pdo_setting(
             RPDO,
             cob_id(FunctionCode.RPDO1, drive.node_id),
             TransmissionType.EVENT_DRIVEN,
             config.pdo.drive_rpdo,
-            event_timer=milliseconds(times.rpdo),
+            event_timer=milliseconds(config.timeouts.rpdo),
         ),
         pdo_setting(
             TPDO,
@@ -87,7 +90,24 @@ def drive_settings(config: CanConfig, drive: DriveConfig) -> tuple[Setting, ...]
             TransmissionType.EVERY_SYNC,
             config.pdo.drive_tpdo,
         ),
-    )
+    ]
+    if config.pdo.drive_tpdo_2 is not None:
+        identifier = cob_id(FunctionCode.TPDO2, drive.node_id)
+        pdos.append(pdo_setting(TPDO + 1, identifier, TransmissionType.EVERY_SYNC, config.pdo.drive_tpdo_2))
+    if config.emergency_stop_input is not None:
+        identifier = cob_id(FunctionCode.TPDO3, drive.node_id)
+        pdos.append(pdo_setting(TPDO + 2, identifier, TransmissionType.EVENT_DRIVEN, DRIVE_TPDO3))
+    return pdos
+
+
+def unused_drive_pdos(config: CanConfig) -> tuple[Parameter, ...]:
+    """Return the COB-ID entries of a drive's PDOs that must be not valid."""
+    in_use = [RPDO, TPDO]
+    if config.pdo.drive_tpdo_2 is not None:
+        in_use.append(TPDO + 1)
+    if config.emergency_stop_input is not None:
+        in_use.append(TPDO + 2)
+    return default_pdos(tuple(in_use))
 
 
 def unused_drive_pdos() -> tuple[Parameter, ...]:

@@ -20,10 +20,11 @@ from cspr_drivers.device_parameters import (
     unused_load_cell_pdos,
 )
 from cspr_drivers.errors import DeviceError, WrongDeviceError
-from cspr_drivers.frame_table import STATUS_WORD
+from cspr_drivers.frame_table import DIGITAL_INPUTS, STATUS_WORD
 from cspr_drivers.identity import Identity
 from cspr_drivers.object_entry import Parameter, Setting
 from cspr_drivers.pdo_parameters import out_of_use
+from cspr_drivers.velocity_unit import INCREMENTS, velocity_unit
 
 _POWERED = (
     cia402.State.OPERATION_ENABLED,
@@ -40,11 +41,17 @@ class DriveFacts:
     ----------
     rated_current
         Of its motor, A (6075h); `None` when it does not say.
+    velocity_unit
+        Velocity, rad/s, of one unit of 606Ch; `None` where it is not asked for.
+    emergency_stop
+        Whether its input for the emergency stop is active.
     written
         Settings that had to be written, 0 when it was configured already.
     """
 
     rated_current: float | None
+    velocity_unit: float | None
+    emergency_stop: bool
     written: int
 
 
@@ -64,15 +71,18 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     device.identify((drive_type(),))
     _identify(device, drive.identity)
     device.check(drive_scale(drive))
-    facts = _drive_facts(device)
-    wrong = _differing(device, drive_settings(config, drive), unused_drive_pdos())
+    current = _rated_current(device)
+    _require_increments(device)
+    velocity = config.pdo.drive_tpdo_2 is not None
+    unit = _velocity_unit(device, drive) if velocity else None
+    wrong = _differing(device, drive_settings(config, drive), unused_drive_pdos(config))
     if wrong:
         _require_no_torque(device)
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.set(wrong)
     device.wait_for(drive_mode())
     _start(device)
-    return DriveFacts(facts, len(wrong))
+    return DriveFacts(current, unit, _emergency_stop(device, config), len(wrong))
 
 
 def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> int:
@@ -103,7 +113,7 @@ def _identify(device: CanopenDevice, identity: Identity | None) -> None:
     device.identify(identity_object(identity))
 
 
-def _drive_facts(device: CanopenDevice) -> float | None:
+def _rated_current(device: CanopenDevice) -> float | None:
     """Return the rated current, A; a drive without motor data knows no torque either."""
     entry = Parameter(0x6075, 0, 32, 0, "motor rated current, mA")
     current = device.read_if_present(entry)
@@ -112,6 +122,39 @@ def _drive_facts(device: CanopenDevice) -> float | None:
             device.name, f"{entry} is 0: its motor data are not set; set them with the maker's program"
         )
     return None if current is None else 1e-3 * current
+
+
+def _require_increments(device: CanopenDevice) -> None:
+    """Refuse a drive that counts positions in another unit; one that does not say counts increments."""
+    entry = Parameter(0x60A8, 0, 32, INCREMENTS, "SI unit position")
+    code = device.read_if_present(entry)
+    if code is not None and not entry.agrees(code):
+        raise DeviceError(
+            device.name,
+            f"{entry} is {entry.shown(code)}, not increments, {entry.shown(INCREMENTS)}: its positions cannot be "
+            "converted",
+        )
+
+
+def _velocity_unit(device: CanopenDevice, drive: DriveConfig) -> float:
+    entry = Parameter(0x60A9, 0, 32, 0, "SI unit velocity")
+    code = device.read_if_present(entry)
+    unit = None if code is None else velocity_unit(code, drive.units.encoder_increments)
+    if unit is None:
+        found = "is missing" if code is None else f"is {entry.shown(code)}"
+        raise DeviceError(
+            device.name,
+            f"{entry} {found}: its velocities cannot be converted; use velocity_source: position_difference",
+        )
+    return unit
+
+
+def _emergency_stop(device: CanopenDevice, config: CanConfig) -> bool:
+    """Return the present state of the input, which from now on comes when it changes."""
+    entry = config.emergency_stop_input
+    if entry is None:
+        return False
+    return entry.is_active(device.read(Parameter(DIGITAL_INPUTS.index, 0, 32, 0, "digital inputs")))
 
 
 def _differing(

@@ -7,13 +7,16 @@ sends nothing and reads no clock: times are arguments, in seconds of one monoton
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 
 from cspr_drivers.cia402 import Command, State, Target, decode_state, next_control_word
 from cspr_drivers.drive_status import DriveStatus
+from cspr_drivers.emergency import Emergency, after
+from cspr_drivers.emergency_codes import is_error
 from cspr_drivers.timeouts import Timeouts
+from cspr_drivers.transition_watch import TransitionWatch
 
 
 class GroupState(Enum):
@@ -22,7 +25,7 @@ class GroupState(Enum):
     NOT_READY = "not_ready"  # a drive is missing or not at rest
     DISABLED = "disabled"  # all drives at rest, brakes closed
     ENABLING = "enabling"  # on the way to enabled; brakes open last, and together
-    ENABLED = "enabled"  # all brakes open, torque at every shaft
+    ENABLED = "enabled"  # brakes open, torque at the shafts, of all drives or of those enabled singly
     STOPPING = "stopping"  # brakes are closing, under torque
     FAULT = "fault"  # quick stop, latched until reset
 
@@ -50,20 +53,26 @@ class DriveGroup:
     brake_open_bit
         Bit of the status word that is set while the brake is open.
     timeouts
-        `command`, `feedback`, `enable` and `stop` are used here.
+        `command`, `feedback`, `transition`, `enable` and `stop` are used here.
     """
 
     def __init__(self, names: Sequence[str], brake_open_bit: int, timeouts: Timeouts) -> None:
         self._drives = [DriveStatus(name) for name in names]
+        self._everyone = frozenset(range(len(names)))
         self._heard = [-math.inf] * len(names)
         self._commanded = [-math.inf] * len(names)
         self._brake_open = 1 << brake_open_bit
         self._timeouts = timeouts
+        self._watch = TransitionWatch(len(names), timeouts)
         self._state = GroupState.NOT_READY
         self._cause = "drives are not configured yet"
         self._since = 0.0
+        self._members: frozenset[int] = frozenset()  # drives that are, or are to be, in operation
+        self._running: frozenset[int] = frozenset()  # those that have been in operation
         self._releasing = False
-        self._resetting = False
+        self._resetting: frozenset[int] = frozenset()  # drives whose fault is being reset
+        self._clearing = False  # whether the latched cause goes with them
+        self._not_stopped: frozenset[int] = frozenset()  # drives said to be late with their stop
         self._words = [int(Command.DISABLE_VOLTAGE)] * len(self._drives)
 
     # What is observed.
@@ -97,9 +106,29 @@ class DriveGroup:
             )
         self._heard[index] = time
 
-    def emergency(self, index: int, error_code: int) -> None:
-        """Note the error code of a drive's emergency message."""
-        self._drives[index] = replace(self._drives[index], error_code=error_code)
+    def emergency(self, index: int, message: Emergency) -> None:
+        """Take an emergency message of a drive; an error in motion is a fault."""
+        drive = self._drives[index]
+        self._drives[index] = replace(drive, errors=after(drive.errors, message))
+        if self._state in IN_MOTION and is_error(message.code):
+            self._latch(f"{drive.name} reports {message.text}", message.time)
+
+    def emergency_stop(self, index: int, active: bool, time: float) -> None:
+        """Take the state of a drive's input for the emergency stop; in motion it is a fault."""
+        drive = self._drives[index]
+        self._drives[index] = replace(drive, emergency_stop=active)
+        if not active:
+            return
+        cause = f"emergency stop: input of {drive.name}"
+        if self._state in IN_MOTION:
+            self._latch(cause, time)
+        # A drive that stops by itself may say so before its input does.
+        elif (
+            self._state is GroupState.FAULT
+            and time - self._since < self._timeouts.feedback
+            and not self._cause.startswith("emergency stop")
+        ):
+            self._cause = f"{cause}; {self._cause}"
 
     def commanded(self, index: int, time: float) -> None:
         """Note that an acceptable torque command for a drive arrived."""
@@ -107,38 +136,60 @@ class DriveGroup:
 
     # What is commanded.
 
-    def enable(self, time: float) -> str | None:
-        """Begin to release the brakes; return why not when that is refused."""
+    def enable(self, time: float, index: int | None = None) -> str | None:
+        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
         if self._state is GroupState.FAULT:
             return f"a fault is latched: {self._cause}; reset it first"
         if self._state is GroupState.NOT_READY:
             return self._cause
-        if self._state is not GroupState.DISABLED:
+        wanted = self._everyone if index is None else frozenset({index})
+        singly = index is not None and self._state is GroupState.ENABLED and index not in self._members
+        if self._state is not GroupState.DISABLED and not singly:
             return f"the drives are {self._state.value}"
-        if stale := self._without_command(time):
+        members = wanted | (self._members if singly else frozenset())
+        if stale := self._without_command(time, members):
             return f"no fresh torque commands for {', '.join(stale)}"
+        self._members = members
         self._releasing = False
         self._enter(GroupState.ENABLING, "", time)
         return None
 
-    def disable(self, time: float) -> None:
-        """Begin to close the brakes, then take the torque away. Without effect unless in motion."""
-        if self._state in (GroupState.ENABLING, GroupState.ENABLED):
+    def disable(self, time: float, index: int | None = None) -> None:
+        """Begin to close the brakes, of all drives or of one. Without effect unless in motion."""
+        if self._state not in (GroupState.ENABLING, GroupState.ENABLED):
+            return
+        remaining = frozenset() if index is None else self._members - {index}
+        if remaining and self._state is GroupState.ENABLED:
+            self._members = self._running = remaining
+            self._aim()
+        elif index is None or index in self._members:
+            self._members = self._running = frozenset()
             self._enter(GroupState.STOPPING, "", time)
 
     def quick_stop(self, cause: str, time: float) -> None:
         """Stop all drives at once and latch the cause. The first cause stays."""
         self._latch(cause, time)
 
-    def fault_reset(self, time: float) -> str | None:
-        """Begin to reset the drives' faults and the latch; return why not when that is refused."""
+    def fault_reset(self, time: float, index: int | None = None) -> str | None:
+        """Begin to reset faults of the drives; return why not when that is refused.
+
+        Parameters
+        ----------
+        index
+            Drive whose fault is reset; by default that of all, and the latched cause with them.
+        """
         if self._state is not GroupState.FAULT:
             return None
-        moving = [drive.describe() for drive in self._present(time) if not drive.held]
+        concerned = self._everyone if index is None else frozenset({index})
+        moving = [
+            self._drives[k].describe() for k in self._present(time) & concerned if not self._drives[k].held
+        ]
         if moving:
             return f"not stopped yet: {'; '.join(moving)}"
-        self._resetting = True
+        self._resetting = frozenset(k for k in concerned if self._drives[k].state is State.FAULT)
+        self._clearing = index is None
         self._since = time
+        self._watch.clear()
         self._aim()
         return None
 
@@ -157,6 +208,8 @@ class DriveGroup:
         elif self._state is GroupState.STOPPING:
             self._close(time)
         self._aim()
+        if self._state is not GroupState.ENABLED or self._members != self._everyone:
+            self._watch_transitions(time)
 
     @property
     def state(self) -> GroupState:
@@ -183,29 +236,35 @@ class DriveGroup:
         """What is known of each drive (m)."""
         return tuple(self._drives)
 
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Names of the drives that are in operation, or on the way there."""
+        return tuple(self._drives[index].name for index in sorted(self._members))
+
     def settled(self, index: int) -> bool:
         """Return whether a drive is where it shall be, so that its control word need not be repeated."""
         state = self._drives[index].state
-        return state is None or state in _SETTLED[self._target()]
+        return state is None or state in _SETTLED[self._target(index)]
+
+    def feedback_age(self, index: int, time: float) -> float:
+        """Return the time since a drive was last heard, s; infinite before that."""
+        return time - self._heard[index]
 
     # Inner working.
 
-    def _target(self) -> Target:
-        match self._state:
-            case GroupState.ENABLING:
-                return Target.OPERATION_ENABLED if self._releasing else Target.SWITCHED_ON
-            case GroupState.ENABLED:
-                return Target.OPERATION_ENABLED
-            case GroupState.FAULT:
-                return Target.FAULT_RESET if self._resetting else Target.QUICK_STOP
-            case _:
-                return Target.AT_REST
+    def _target(self, index: int) -> Target:
+        if self._state is GroupState.FAULT:
+            return Target.FAULT_RESET if index in self._resetting else Target.QUICK_STOP
+        if index not in self._members:
+            return Target.AT_REST
+        if self._state is GroupState.ENABLING and not self._releasing and index not in self._running:
+            return Target.SWITCHED_ON
+        return Target.OPERATION_ENABLED
 
     def _aim(self) -> None:
-        target = self._target()
         for index, drive in enumerate(self._drives):
             if drive.state is not None:
-                self._words[index] = next_control_word(drive.state, target)
+                self._words[index] = next_control_word(drive.state, self._target(index))
 
     def _enter(self, state: GroupState, cause: str, time: float) -> None:
         self._state = state
@@ -214,37 +273,38 @@ class DriveGroup:
         self._aim()
 
     def _latch(self, cause: str, time: float) -> None:
-        if self._state is not GroupState.FAULT or self._resetting:
-            self._resetting = False
+        if self._state is not GroupState.FAULT or self._clearing:
+            self._resetting = self._members = self._running = self._not_stopped = frozenset()
+            self._clearing = False
             self._enter(GroupState.FAULT, cause, time)
 
     def _silent(self, index: int, time: float) -> bool:
         return time - self._heard[index] > self._timeouts.feedback
 
-    def _present(self, time: float) -> list[DriveStatus]:
+    def _present(self, time: float) -> frozenset[int]:
         """Return the drives that can be used and report their state."""
-        return [
-            drive
+        return frozenset(
+            index
             for index, drive in enumerate(self._drives)
             if not drive.unavailable and not self._silent(index, time)
-        ]
+        )
 
-    def _without_command(self, time: float) -> list[str]:
+    def _without_command(self, time: float, members: Iterable[int]) -> list[str]:
         limit = self._timeouts.command
         return [
-            drive.name
-            for drive, commanded in zip(self._drives, self._commanded, strict=True)
-            if time - commanded > limit
+            self._drives[index].name for index in sorted(members) if time - self._commanded[index] > limit
         ]
 
     def _rest(self, time: float) -> None:
         present = self._present(time)
-        if faulty := [drive.describe() for drive in present if drive.state in _FAULTY]:
+        if faulty := [
+            self._drives[k].describe() for k in sorted(present) if self._drives[k].state in _FAULTY
+        ]:
             self._latch("; ".join(faulty), time)
             return
         reasons: dict[str, list[str]] = {}
-        for drive in self._drives:
-            if reason := self._restless(drive, drive in present):
+        for index, drive in enumerate(self._drives):
+            if reason := self._restless(drive, index in present):
                 reasons.setdefault(reason, []).append(drive.name)
         if reasons:
             cause = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
@@ -259,6 +319,8 @@ class DriveGroup:
             return drive.unavailable
         if not present:
             return "sends no feedback"
+        if drive.emergency_stop:
+            return "its emergency stop input is active"
         if drive.state is not State.SWITCH_ON_DISABLED:
             return f"is in {drive.state_name}"
         return "its brake is open" if drive.brake_open else ""
@@ -270,31 +332,34 @@ class DriveGroup:
                 return drive.describe()
             if self._silent(index, time):
                 return f"{drive.name}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
-        if self._state is GroupState.STOPPING:
-            # The torque stays what it was until the brakes hold: commands are not needed any more.
-            return ""
-        if stale := self._without_command(time):
+        # The torque stays what it was until the brakes hold: commands to drives that stop are not needed any more.
+        if stale := self._without_command(time, self._members):
             limit = 1e3 * self._timeouts.command
             return f"no torque command within {limit:.0f} ms for {', '.join(stale)}"
-        running = self._state is GroupState.ENABLED
-        for drive in self._drives:
+        for index in self._members:
+            drive = self._drives[index]
+            running = index in self._running
             if (running and drive.state is not State.OPERATION_ENABLED) or (
                 drive.state is State.QUICK_STOP_ACTIVE
             ):
-                return drive.describe()
+                power = "; its power stage has no supply" if drive.without_power else ""
+                return drive.describe() + power
             if running and not drive.brake_open:
                 return f"{drive.name}: its brake closed by itself"
+            if running and not drive.follows_target:
+                return f"{drive.name} does not follow its target torque: it has left its mode of operation"
         return ""
 
     def _release(self, time: float) -> None:
         powered = (State.SWITCHED_ON, State.OPERATION_ENABLED)
+        members = [self._drives[index] for index in sorted(self._members)]
         if not self._releasing:
-            self._releasing = all(drive.state in powered for drive in self._drives)
-        open_ = [d.state is State.OPERATION_ENABLED and d.brake_open for d in self._drives]
-        if all(open_):
+            self._releasing = all(drive.state in powered for drive in members)
+        late = [drive.describe() for drive in members if not drive.in_operation]
+        if not late:
+            self._running = self._members
             self._enter(GroupState.ENABLED, "", time)
         elif time - self._since > self._timeouts.enable:
-            late = [drive.describe() for drive, done in zip(self._drives, open_, strict=True) if not done]
             self._latch(f"not enabled within {self._timeouts.enable:g} s: {'; '.join(late)}", time)
 
     def _close(self, time: float) -> None:
@@ -306,15 +371,32 @@ class DriveGroup:
             self._latch(f"brakes not closed within {self._timeouts.stop:g} s: {names}", time)
 
     def _hold_fault(self, time: float) -> None:
-        if not self._resetting:
-            return
+        # One reset is one edge of bit 7: a drive that falls into fault again waits for the operator again.
+        self._resetting = frozenset(k for k in self._resetting if self._drives[k].state is State.FAULT)
         late = [
-            drive.describe() for drive in self._present(time) if drive.state is not State.SWITCH_ON_DISABLED
+            self._drives[k].describe()
+            for k in sorted(self._present(time))
+            if self._drives[k].state is not State.SWITCH_ON_DISABLED
         ]
-        if not late:
-            self._resetting = False
+        overdue = time - self._since > self._timeouts.stop
+        if self._clearing and not late:
+            self._clearing = False
+            self._resetting = frozenset()
             self._enter(GroupState.NOT_READY, "", time)
             self._rest(time)
-        elif time - self._since > self._timeouts.stop:
-            self._resetting = False
+        elif overdue and (self._clearing or self._resetting):
+            self._clearing = False
+            self._resetting = frozenset()
             self._cause = f"not reset: {'; '.join(late)}"
+
+    def _watch_transitions(self, time: float) -> None:
+        late = self._watch.overdue([drive.state for drive in self._drives], self._words, time)
+        if not late:
+            return
+        if self._state in IN_MOTION:
+            index, problem = next(iter(late.items()))
+            self._latch(f"{self._drives[index].name}: {problem}", time)
+        elif self._state is GroupState.FAULT and not (self._clearing or self._resetting):
+            for index in late.keys() - self._not_stopped:
+                self._not_stopped |= {index}
+                self._cause += f"; {self._drives[index].name}: {late[index]}: take the load as not held"

@@ -7,21 +7,22 @@ Three kinds of threads meet here: the cycle clock, the receiving thread of each 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
-from cspr_drivers import clock
-from cspr_drivers.can_bus import CanPorts, CyclicFrame
+from cspr_drivers import clock, frame_table
+from cspr_drivers.can_bus import CanPort, CanPorts, CyclicFrame, FrameHandler
 from cspr_drivers.can_config import CanConfig
-from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
+from cspr_drivers.canopen_device import OPERATIONAL, CanopenDevice, NmtCommand
 from cspr_drivers.command_check import CommandCheck, CommandFault
 from cspr_drivers.commissioning import Commissioning
 from cspr_drivers.cycle import Cycle
 from cspr_drivers.cycle_clock import CycleClock
-from cspr_drivers.device_setup import set_up_drive
+from cspr_drivers.device_setup import DriveFacts, set_up_drive
 from cspr_drivers.drive_group import IN_MOTION, DriveGroup, GroupState
 from cspr_drivers.drive_report import DriveReport, MotorStates
 from cspr_drivers.drive_status import DriveStatus
+from cspr_drivers.emergency import Emergency
 from cspr_drivers.errors import BusError, DeviceError
 from cspr_drivers.frame_table import (
     POSITION_ACTUAL,
@@ -33,7 +34,7 @@ from cspr_drivers.frame_table import (
 from cspr_drivers.motor_speed import PositionDifference
 from cspr_drivers.torque_frames import torque_frames
 
-OPERATIONAL = 5  # NMT state in the heartbeat (CiA 301, section 7.2.8.3.2)
+_HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
 
 _LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
 
@@ -69,8 +70,11 @@ class DriveMaster:
         self._group = DriveGroup(
             [drive.name for drive in config.drives], config.brake_open_bit, config.timeouts
         )
-        self._cycle = Cycle(count)
-        self._speed = PositionDifference()
+        tpdo_2 = config.pdo.drive_tpdo_2
+        self._cycle = Cycle(count, frames=1 if tpdo_2 is None else 2)
+        self._speed = PositionDifference(config.velocity_filter) if tpdo_2 is None else None
+        self._speeds = [0.0] * count
+        self._facts: list[DriveFacts | None] = [None] * count
         self._checks = [
             CommandCheck(drive.units.torque_limit, config.timeouts.command) for drive in config.drives
         ]
@@ -91,12 +95,14 @@ class DriveMaster:
             cob_id(FunctionCode.HEARTBEAT, config.master_node_id), bytes([OPERATIONAL])
         )
         self._heartbeat_due = 0.0
+        self._heartbeats_due = 0.0
         self._other_driver = threading.Event()
-        self._stopped = False
+        self._started = self._stopped = False
         self._clock = CycleClock(config.period, self._tick)
         self._commissioning = Commissioning(
             [str(drive) for drive in config.drives], self._configure, self._may_configure, report
         )
+        self._failures = [(port, partial(self._bus_failed, port.name)) for port in ports]
         self._devices = [
             CanopenDevice(
                 str(drive),
@@ -120,28 +126,41 @@ class DriveMaster:
         heartbeat = self._heartbeat.arbitration_id
         for port in self._ports:
             port.subscribe(heartbeat, lambda data, now: self._other_driver.set())
-        if self._other_driver.wait(1.5 * self._config.timeouts.heartbeat_producer):
+        if self._other_driver.wait(clock.on_computer(1.5 * self._config.timeouts.heartbeat_producer)):
             raise BusError(
                 "another driver is active on the CAN bus: "
                 f"its heartbeat as node {self._config.master_node_id} was seen"
             )
-        for index, drive in enumerate(self._config.drives):
-            self._ports[drive.bus].subscribe(
-                cob_id(FunctionCode.TPDO1, drive.node_id), partial(self._feedback, index)
-            )
+        self._started = True
+        for port, identifier, handler in self._handlers():
+            port.subscribe(identifier, handler)
+        for port, failure in self._failures:
+            port.on_failure(failure)
         self._ports.on_sync(self._begin_cycle, self._lock)
         self._clock.start()
         self._commissioning.start()
+
+    def come_to_rest(self) -> None:
+        """Close the brakes and wait until they hold, no longer than a limit."""
+        self.disable()
+        deadline = clock.monotonic() + 2.0 * self._config.timeouts.stop
+        while self._clock.running and clock.monotonic() < deadline and not self._at_rest():
+            clock.sleep(self._config.period)
 
     def stop(self) -> None:
         """Close the brakes, wait until they hold (no longer than a limit), and leave the bus."""
         if self._stopped:
             return
         self._stopped = True
-        self.disable()
-        deadline = clock.monotonic() + 2.0 * self._config.timeouts.stop
-        while self._clock.running and clock.monotonic() < deadline and not self._at_rest():
-            clock.sleep(self._config.period)
+        if self._started:
+            self._leave_drives()
+        for port in self._ports:
+            port.unsubscribe(self._heartbeat.arbitration_id)
+        for device in self._devices:
+            device.release()
+
+    def _leave_drives(self) -> None:
+        self.come_to_rest()
         self._commissioning.stop()
         for device in self._devices:
             try:
@@ -150,11 +169,10 @@ class DriveMaster:
                 break  # the bus takes no frames; the drives notice the missing heartbeat
         self._clock.stop()
         self._ports.off_sync(self._begin_cycle)
-        for port in self._ports:
-            port.unsubscribe(self._heartbeat.arbitration_id)
-        for device, drive in zip(self._devices, self._config.drives, strict=True):
-            device.release()
-            self._ports[drive.bus].unsubscribe(cob_id(FunctionCode.TPDO1, drive.node_id))
+        for port, failure in self._failures:
+            port.off_failure(failure)
+        for port, identifier, _ in self._handlers():
+            port.unsubscribe(identifier)
 
     # Torque commands.
 
@@ -185,7 +203,7 @@ class DriveMaster:
                 return  # the torque stays what it was when the fault came, until the brakes hold
             frame = self._frames[index]
             frame.torque = self._config.drives[index].units.per_mille(torque)
-            if frame.send(self._group.control_words[index]):
+            if frame.send(self._group.control_words[index], self._sync_time + self._config.period):
                 self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=clock.monotonic())
 
     def reject_command(self, index: int, problem: str) -> None:
@@ -195,20 +213,20 @@ class DriveMaster:
 
     # The operator's commands.
 
-    def enable(self) -> str | None:
-        """Begin to release the brakes; return why not when that is refused."""
+    def enable(self, index: int | None = None) -> str | None:
+        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
         with self._lock:
-            refusal = self._group.enable(clock.monotonic())
+            refusal = self._group.enable(clock.monotonic(), index)
             if refusal is None:
                 self._cycle.clear()
                 self._clock.clear()
                 self._postponed = 0
             return refusal
 
-    def disable(self) -> None:
-        """Begin to close the brakes and to take the torque away."""
+    def disable(self, index: int | None = None) -> None:
+        """Begin to close the brakes, of all drives or of one, and to take the torque away."""
         with self._lock:
-            self._group.disable(clock.monotonic())
+            self._group.disable(clock.monotonic(), index)
             self._send_changed()
 
     def quick_stop(self, cause: str) -> None:
@@ -217,10 +235,10 @@ class DriveMaster:
             self._group.quick_stop(cause, clock.monotonic())
             self._send_changed()
 
-    def fault_reset(self) -> str | None:
-        """Begin to reset faults and the latched cause; return why not when that is refused."""
+    def fault_reset(self, index: int | None = None) -> str | None:
+        """Begin to reset faults and the latched cause, or the fault of one drive; return why not when refused."""
         with self._lock:
-            return self._group.fault_reset(clock.monotonic())
+            return self._group.fault_reset(clock.monotonic(), index)
 
     def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
         """Return state and cause of the group, and the state of each drive."""
@@ -229,11 +247,17 @@ class DriveMaster:
 
     def snapshot(self) -> DriveReport:
         """Return the present state."""
+        now = clock.monotonic()
         with self._lock:
             return DriveReport(
                 self._group.state,
                 self._group.cause,
                 self._group.drives,
+                self._group.members,
+                tuple(self._group.feedback_age(index, now) for index in range(len(self._devices))),
+                tuple(device.heartbeat_age(now) for device in self._devices),
+                tuple(device.nmt_state for device in self._devices),
+                tuple(self._facts),
                 self._commissioning.problems,
                 self._cycle.statistics(),
                 self._rejected,
@@ -255,6 +279,7 @@ class DriveMaster:
             self._heartbeat_due = now + self._config.timeouts.heartbeat_producer
             for port in self._ports:
                 port.send(self._heartbeat)
+        deadline = now + self._config.period
         with self._lock:
             self._watch_heartbeats(now)
             self._group.step(now)
@@ -263,7 +288,7 @@ class DriveMaster:
                 repeat = not (frame.sent or self._group.settled(index))
                 known = self._group.drives[index].state is not None
                 if known and (repeat or word != frame.control_word):
-                    frame.send(word)
+                    frame.send(word, deadline)
                 frame.sent = False
 
     def _awaits_answers(self, now: float) -> bool:
@@ -295,18 +320,68 @@ class DriveMaster:
             self._torques[index] = units.torque(values[self._torque_place])
             if not self._cycle.feedback(index, now):
                 return
-            angles = tuple(self._angles)
+            states = self._complete()
+        if states is not None:
+            self._publish(states)
+
+    def _velocity(self, index: int, data: bytes | bytearray, now: float) -> None:
+        """Take the second frame of a drive, which holds its velocity."""
+        (raw,) = frame_table.DRIVE_TPDO2.decode(data)
+        with self._lock:
+            facts = self._facts[index]
+            place = index + len(self._facts)
+            if facts is None or facts.velocity_unit is None or self._cycle.is_late(place):
+                return
+            self._speeds[index] = self._config.drives[index].units.polarity * raw * facts.velocity_unit
+            if not self._cycle.feedback(place, now):
+                return
+            states = self._complete()
+        if states is not None:
+            self._publish(states)
+
+    def _complete(self) -> MotorStates | None:
+        """Return the motor states of the cycle in which everyone has answered; `None` while there is no speed."""
+        angles = tuple(self._angles)
+        if self._speed is None:
+            speeds: list[float] | None = self._speeds
+        else:
             speeds = self._speed.update(self._sync_time, angles)
-            if speeds is None:
-                return  # the first cycle has no speed yet
-            self._published_stamp = self._sync_stamp
-            states = MotorStates(self._sync_stamp, angles, tuple(speeds), tuple(self._torques))
-        self._publish(states)
+        if speeds is None:
+            return None  # the first cycle has no speed yet
+        self._published_stamp = self._sync_stamp
+        return MotorStates(self._sync_stamp, angles, tuple(speeds), tuple(self._torques))
+
+    def _inputs(self, index: int, data: bytes | bytearray, now: float) -> None:
+        """Take the digital inputs of a drive, which come when they change."""
+        (inputs,) = frame_table.DRIVE_TPDO3.decode(data)
+        entry = self._config.emergency_stop_input
+        if entry is not None:
+            with self._lock:
+                self._group.emergency_stop(index, entry.is_active(inputs), now)
+                self._send_changed()
+
+    def _bus_failed(self, bus: str, problem: str) -> None:
+        """Stop when a bus carries no frames any more, with that as the cause; what follows from it comes later."""
+        with self._lock:
+            if self._group.state in IN_MOTION:
+                self._group.quick_stop(f"bus {bus}: {problem}", clock.monotonic())
+                self._send_changed()
+
+    def _handlers(self) -> Iterator[tuple[CanPort, int, FrameHandler]]:
+        """Return which frames are for this driver, on which bus, and what takes them."""
+        for index, drive in enumerate(self._config.drives):
+            port = self._ports[drive.bus]
+            yield port, cob_id(FunctionCode.TPDO1, drive.node_id), partial(self._feedback, index)
+            if self._config.pdo.drive_tpdo_2 is not None:
+                yield port, cob_id(FunctionCode.TPDO2, drive.node_id), partial(self._velocity, index)
+            if self._config.emergency_stop_input is not None:
+                yield port, cob_id(FunctionCode.TPDO3, drive.node_id), partial(self._inputs, index)
 
     def _send_changed(self) -> None:
+        deadline = clock.monotonic() + self._config.period
         for index, (frame, word) in enumerate(zip(self._frames, self._group.control_words, strict=True)):
             if word != frame.control_word and not self._group.settled(index):
-                frame.send(word)
+                frame.send(word, deadline)
 
     def _refuse(self, index: int, problem: str) -> None:
         self._rejected += 1
@@ -324,24 +399,33 @@ class DriveMaster:
     def _configure(self, index: int) -> None:
         """Take a drive in; run by the commissioning thread."""
         try:
-            set_up_drive(self._devices[index], self._config, self._config.drives[index])
+            facts = set_up_drive(self._devices[index], self._config, self._config.drives[index])
         except DeviceError as error:
             with self._lock:
                 self._group.lost(index, error.problem, clock.monotonic())
             raise
         with self._lock:
+            self._facts[index] = facts
             self._group.configured(index)
+            self._group.emergency_stop(index, facts.emergency_stop, clock.monotonic())
 
     def _may_configure(self) -> bool:
         with self._lock:
             return self._group.state not in IN_MOTION and self._group.held
 
     def _watch_heartbeats(self, now: float) -> None:
+        if now < self._heartbeats_due:
+            return
+        self._heartbeats_due = now + _HEARTBEAT_WATCH
+        times = self._config.timeouts
         for index, (device, drive) in enumerate(zip(self._devices, self._group.drives, strict=True)):
-            if not drive.unavailable:
-                age = device.heartbeat_age(now)
-                if age > self._config.timeouts.heartbeat_consumer:
-                    self._lose(index, f"no heartbeat for {1e3 * age:.0f} ms", now)
+            if drive.unavailable:
+                continue
+            age = device.heartbeat_age(now)
+            if age > times.heartbeat_consumer:
+                self._lose(index, f"no heartbeat for {1e3 * age:.0f} ms", now)
+            elif state := device.not_operational(grace=times.heartbeat_producer):
+                self._lose(index, f"left NMT operational, it is {state}", now)
 
     def _booted(self, index: int) -> None:
         with self._lock:
@@ -352,7 +436,7 @@ class DriveMaster:
         self._frames[index].control_word = None
         self._commissioning.request(index, reason)
 
-    def _emergency(self, index: int, error_code: int, register: int, data: bytes) -> None:
+    def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:
-            # Codes 00xxh say that the error is gone (CiA 301, section 7.2.7.1).
-            self._group.emergency(index, error_code if error_code & 0xFF00 else 0)
+            self._group.emergency(index, Emergency(code, register, data, clock.monotonic()))
+            self._send_changed()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cspr_drivers.cycle import CycleStatistics
+from cspr_drivers.device_setup import DriveFacts
 from cspr_drivers.drive_group import GroupState
 from cspr_drivers.drive_status import DriveStatus
 
@@ -27,6 +28,14 @@ class DriveReport:
     ----------
     state, cause, drives
         Of the group of drives.
+    members
+        Names of the drives that are in operation, or on the way there.
+    feedback_ages
+        Time since each drive was last heard, s; infinite before that.
+    heartbeat_ages, nmt_states
+        Of each drive: time since its last heartbeat, s, and the NMT state in it.
+    facts
+        What each drive has said about itself, `None` before it was taken in.
     not_configured
         Devices that are not configured, with the reason.
     statistics
@@ -42,6 +51,11 @@ class DriveReport:
     state: GroupState
     cause: str
     drives: tuple[DriveStatus, ...]
+    members: tuple[str, ...]
+    feedback_ages: tuple[float, ...]
+    heartbeat_ages: tuple[float, ...]
+    nmt_states: tuple[str, ...]
+    facts: tuple[DriveFacts | None, ...]
     not_configured: dict[str, str]
     statistics: CycleStatistics
     rejected_commands: int

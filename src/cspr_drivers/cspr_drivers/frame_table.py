@@ -2,7 +2,7 @@
 
 Sources: CiA 301 (COB-IDs of the predefined connection set, section 7.3.5; PDO mapping parameter, section
 7.5.2.36; numbers are little-endian, section 7.1.4), CiA 402-2 / IEC 61800-7-201 (objects 6040h, 6041h, 6064h,
-6071h, 6077h), CiA 404 (objects 6150h, 9130h).
+606Ch, 6071h, 6077h, 60FDh), CiA 404 (objects 6150h, 9130h).
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ class FunctionCode(IntEnum):
     EMERGENCY = 0x080
     TPDO1 = 0x180
     RPDO1 = 0x200
+    TPDO2 = 0x280
+    TPDO3 = 0x380
     SDO_RESPONSE = 0x580
     SDO_REQUEST = 0x600
     HEARTBEAT = 0x700
@@ -33,7 +35,7 @@ class TransmissionType(IntEnum):
     """PDO transmission types in use (CiA 301, sections 7.5.2.35 and 7.5.2.37)."""
 
     EVERY_SYNC = 1  # TPDO: sampled at, and sent after, each SYNC
-    EVENT_DRIVEN = 255  # RPDO: applied at once, without waiting for the next SYNC
+    EVENT_DRIVEN = 255  # RPDO: applied at once, without waiting for the next SYNC; TPDO: sent on a change
 
 
 def cob_id(function: FunctionCode, node_id: int) -> int:
@@ -86,8 +88,10 @@ class MappedObject:
 CONTROL_WORD = MappedObject("control_word", 0x6040, 0x00, 16, signed=False)
 STATUS_WORD = MappedObject("status_word", 0x6041, 0x00, 16, signed=False)
 POSITION_ACTUAL = MappedObject("position_actual", 0x6064, 0x00, 32, signed=True)
+VELOCITY_ACTUAL = MappedObject("velocity_actual", 0x606C, 0x00, 32, signed=True)
 TARGET_TORQUE = MappedObject("target_torque", 0x6071, 0x00, 16, signed=True)
 TORQUE_ACTUAL = MappedObject("torque_actual", 0x6077, 0x00, 16, signed=True)
+DIGITAL_INPUTS = MappedObject("digital_inputs", 0x60FD, 0x00, 32, signed=False)
 PROCESS_VALUE = MappedObject("process_value", 0x9130, 0x01, 32, signed=True)
 INPUT_STATUS = MappedObject("input_status", 0x6150, 0x01, 8, signed=False)
 
@@ -154,4 +158,6 @@ class PdoLayout:
 
 DRIVE_RPDO1 = PdoLayout((CONTROL_WORD, TARGET_TORQUE))
 DRIVE_TPDO1 = PdoLayout((STATUS_WORD, POSITION_ACTUAL, TORQUE_ACTUAL))
+DRIVE_TPDO2 = PdoLayout((VELOCITY_ACTUAL,))
+DRIVE_TPDO3 = PdoLayout((DIGITAL_INPUTS,))
 LOAD_CELL_TPDO1 = PdoLayout((PROCESS_VALUE, INPUT_STATUS))

@@ -40,14 +40,14 @@ class TorqueFrame:
         self._values = [0, 0]
         self._frame = CyclicFrame(cob_id(FunctionCode.RPDO1, node_id))
 
-    def send(self, control_word: int) -> bool:
-        """Put control word and torque on the bus; return whether that went well."""
+    def send(self, control_word: int, deadline: float) -> bool:
+        """Put control word and torque on the bus, until `deadline`, s; return whether that went well."""
         self._values[self._word_place] = control_word
         self._values[self._torque_place] = self.torque
         self._frame.assign(self._layout.encode(*self._values))
         self.sent = True
         self.control_word = control_word
-        return self._port.send(self._frame)
+        return self._port.send(self._frame, deadline)
 
 
 def torque_frames(config: CanConfig, ports: CanPorts) -> list[TorqueFrame]:

@@ -1,5 +1,6 @@
 """Geometry, statics and dynamics of cable-suspended parallel robots."""
 
+from .cable_paths import home_lengths
 from .dynamics import GRAVITY, balance_regressor, required_wrench, static_wrench
 from .energy import cable_power, inertia_matrix, kinetic_energy, potential_energy, wrench_power
 from .errors import (
@@ -26,7 +27,7 @@ from .pose import Acceleration, Pose, Twist
 from .pose_accuracy import pose_covariance
 from .pulleys import Pulleys
 from .rigid_body import Payload, RigidBody, combine
-from .robot import Robot, home_lengths
+from .robot import Robot
 from .tension_blend import TensionBlend
 from .tension_result import TensionResult
 from .tensions import Method, bounded_methods, distribute_tensions

@@ -109,6 +109,19 @@ def non_negative_number(name: str, value: float) -> float:
     return number
 
 
+def positive_integer(name: str, value: int) -> int:
+    """Return `value`, a whole number of at least one.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is not.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise InvalidInputError(name, value, "must be a whole number of at least 1")
+    return int(value)
+
+
 def broadcast_batch(**batches: tuple[int, ...]) -> tuple[int, ...]:
     """Broadcast the batch axes of several named quantities against each other.
 

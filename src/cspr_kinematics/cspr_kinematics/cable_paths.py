@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .arrays import FloatArray, frozen
+from .arrays import FloatArray, checked, frozen
 from .compiled import kernel_input
-from .errors import CableReachError
+from .errors import CableReachError, InvalidInputError
 from .kernels.cable_kernels import INSIDE_PULLEY, NO_LENGTH, ON_SWIVEL_AXIS, PATH_EXISTS, lengths_at_poses
 from .pose import Pose
 from .pulleys import Pulleys
 
+MINIMUM_CABLES = 6
 _REASONS = {
     NO_LENGTH: "its anchor point coincides with its exit point and the cable has no length",
     INSIDE_PULLEY: "cannot reach its pulley; the anchor point lies inside it",
@@ -59,3 +61,77 @@ def path_lengths(geometry: FloatArray, pose: Pose) -> FloatArray:
     if fault != PATH_EXISTS:
         raise path_error(fault, cable, member, pose)
     return lengths
+
+
+def home_lengths(
+    exit_points: ArrayLike, anchor_points: ArrayLike, home: Pose, pulleys: Pulleys | None = None
+) -> FloatArray:
+    """Return the cable lengths (m,) at a home pose, which are the zero of the winches, m.
+
+    For whoever builds a robot from other points than a file's: `Winch.home_lengths` must fit them, and with
+    pulleys they are not the distances of the points.
+
+    Parameters
+    ----------
+    exit_points, anchor_points : array_like, shape (m, 3)
+        In base and in platform, m.
+    home : Pose
+        A single pose.
+    pulleys : Pulleys, optional
+        None for fixed exit points.
+
+    Raises
+    ------
+    InvalidInputError
+        If the points do not fit each other or the pulleys, home is a batch, or a cable has no path there.
+    """
+    exits, anchors = (
+        checked_points("exit_points", exit_points),
+        checked_points("anchor_points", anchor_points),
+    )
+    check_cables(exits, anchors)
+    if home.batch_shape:
+        raise InvalidInputError("home", home.position, "must be a single pose")
+    geometry = path_geometry(exits, anchors, Pulleys.none() if pulleys is None else pulleys)
+    try:
+        return path_lengths(geometry, home)
+    except CableReachError as error:
+        raise InvalidInputError(
+            "home", home.position, f"cable {error.cable} has no length at this pose; {error.fault}"
+        ) from error
+
+
+def checked_points(name: str, value: ArrayLike) -> FloatArray:
+    """Return points (m, 3) as a read-only array.
+
+    Raises
+    ------
+    InvalidInputError
+        If they are not finite or have another shape.
+    """
+    points = checked(name, value, 3)
+    if points.ndim != 2:
+        raise InvalidInputError(name, value, f"shape {points.shape} where (m, 3) is needed")
+    return frozen(points)
+
+
+def check_cables(exit_points: FloatArray, anchor_points: FloatArray) -> None:
+    """Refuse points (m, 3) that are too few, or do not belong to each other.
+
+    Raises
+    ------
+    InvalidInputError
+        With fewer than 6 cables, or not as many anchor points as exit points.
+    """
+    if len(exit_points) < MINIMUM_CABLES:
+        raise InvalidInputError(
+            "exit_points",
+            exit_points,
+            f"{len(exit_points)} cables; six degrees of freedom take at least {MINIMUM_CABLES}",
+        )
+    if len(anchor_points) != len(exit_points):
+        raise InvalidInputError(
+            "anchor_points",
+            anchor_points,
+            f"{len(anchor_points)} anchor points for {len(exit_points)} exit points",
+        )

@@ -17,7 +17,7 @@ from numba import njit
 from numba.core import event
 from numpy.typing import NDArray
 
-from .arrays import FloatArray
+from .arrays import FloatArray, positive_integer
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Scalar = TypeVar("_Scalar", bound=np.generic)
@@ -68,8 +68,13 @@ def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least:
 
     Kernels hold no interpreter lock, so that threads scale to as many cores. Plain threads, because those of
     OpenMP do not survive a fork and numba's own must not be entered twice at a time.
+
+    Raises
+    ------
+    InvalidInputError
+        If the number of threads is not a whole number of at least one.
     """
-    threads = min(threads, count // least)
+    threads = min(positive_integer("threads", threads), count // least)
     if threads <= 1:
         work(0, count)
         return

@@ -134,7 +134,7 @@ def feedforward_tensions(
         faults.append((fault, cable, first + member))
 
     faults: list[tuple[int, int, int]] = []
-    if threads == 1 or n < 2 * _LEAST_PER_THREAD:
+    if threads == 1:
         everything: list[Any] = [*model, *motion, external, *constants, *outputs]
         faults = [feedforward_at_poses(*everything)]
     else:

@@ -10,7 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import BoolArray, FloatArray, IntArray, broadcast_batch, checked, frozen, positive_number
+from .arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    broadcast_batch,
+    checked,
+    frozen,
+    positive_integer,
+    positive_number,
+)
 from .compiled import in_batch, in_chunks, kernel_input
 from .errors import ForwardKinematicsError, InvalidInputError
 from .kernels import forward_kernels as kernels
@@ -113,7 +122,8 @@ def forward_kinematics(
         If the iteration does not converge, or to a pose that does not fit; carries residual, iterations,
         which members of the batch failed, and cables found to be slack.
     InvalidInputError
-        If lengths are not positive and finite or have another shape, or the batch axes do not broadcast.
+        If lengths are not positive and finite or have another shape, the batch axes do not broadcast, or a
+        limit is not positive.
     """
     solved = _solve(robot, lengths, guess, max_residual, max_iterations, None, 1)
     if solved.failures:
@@ -223,7 +233,7 @@ def _solve(
     status, converged = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     guided = guess is not None
     starting = robot.path_geometry, search.frame, search.starts, search.center, search.home
-    limits = weights, deviation, limit, misfit, int(max_iterations)
+    limits = weights, deviation, limit, misfit, positive_integer("max_iterations", max_iterations)
     outputs = position, rotation, error, jacobian, status, converged, slack
 
     def solve(first: int, end: int) -> None:
@@ -233,7 +243,7 @@ def _solve(
         done.append(kernels.forward_at_poses(*arguments))
 
     done: list[tuple[int, int]] = []
-    if threads == 1 or n < 2 * _LEAST_PER_THREAD:
+    if threads == 1:
         everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
         done = [kernels.forward_at_poses(*everything)]
     else:

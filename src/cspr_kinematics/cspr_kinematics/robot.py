@@ -11,41 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import FloatArray, checked, frozen, non_negative_number, positive_number
-from .cable_paths import path_geometry, path_lengths
-from .errors import CableReachError, InvalidInputError
+from .cable_paths import check_cables, checked_points, home_lengths, path_geometry
+from .errors import InvalidInputError
 from .pose import Pose
-from .pulleys import UPWARDS, Pulleys
+from .pulleys import Pulleys
 from .rigid_body import RigidBody
-from .robot_file import Section, read_yaml
+from .robot_description import read_robot, robot_section
+from .robot_file import read_yaml
 from .winch import Motor, Winch
 
-MINIMUM_CABLES = 6
 # A winch whose zero is off by more than this was not set up for this home pose, m.
 _HOME_LENGTH_TOLERANCE = 1e-6
-
-_ROBOT_KEYS = (
-    "name",
-    "exit_points",
-    "anchor_points",
-    "frame_size",
-    "platform",
-    "platform_size",
-    "winch",
-    "motor",
-    "tension_min",
-    "tension_max",
-    "home",
-    "workspace_min",
-    "workspace_max",
-    "trajectory_center",
-)
-_OPTIONAL_ROBOT_KEYS = ("pulleys",)
-_PULLEY_KEYS = ("radius",)
-_OPTIONAL_PULLEY_KEYS = ("swivel_axis",)
-_PLATFORM_KEYS = ("mass", "center_of_mass", "inertia")
-_WINCH_KEYS = ("drum_radius", "gear_ratio")
-_MOTOR_KEYS = ("inertia", "torque_limit", "speed_limit", "coulomb_friction", "viscous_friction")
-_HOME_KEYS = ("position", "euler")
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +80,9 @@ class Robot:
     pulleys: Pulleys = field(default_factory=Pulleys.none)
 
     def __post_init__(self) -> None:
-        self._set("exit_points", _points("exit_points", self.exit_points))
-        self._set("anchor_points", _points("anchor_points", self.anchor_points))
-        _check_cables(self.exit_points, self.anchor_points)
+        self._set("exit_points", checked_points("exit_points", self.exit_points))
+        self._set("anchor_points", checked_points("anchor_points", self.anchor_points))
+        check_cables(self.exit_points, self.anchor_points)
         for name in ("frame_size", "platform_size", "workspace_min", "workspace_max", "trajectory_center"):
             self._set(name, _vector(name, getattr(self, name)))
         for name in ("frame_size", "platform_size"):
@@ -146,8 +122,10 @@ class Robot:
         InvalidInputError
             As the constructor.
         """
-        exits = self.exit_points if exit_points is None else _points("exit_points", exit_points)
-        anchors = self.anchor_points if anchor_points is None else _points("anchor_points", anchor_points)
+        exits = self.exit_points if exit_points is None else checked_points("exit_points", exit_points)
+        anchors = (
+            self.anchor_points if anchor_points is None else checked_points("anchor_points", anchor_points)
+        )
         pulleys = self.pulleys if pulleys is None else pulleys
         home = self.home if home is None else home
         lengths = home_lengths(exits, anchors, home, pulleys)
@@ -188,40 +166,10 @@ class Robot:
         RobotFileError
             For each value that cannot be used, naming source, key and value.
         """
-        top = Section(source, mapping, _ROBOT_KEYS, optional=_OPTIONAL_ROBOT_KEYS)
-        exit_points = top.array("exit_points", None, 3)
-        anchor_points = top.array("anchor_points", None, 3)
-        home = _read_home(top.section("home", _HOME_KEYS))
+        top = robot_section(mapping, source)
+        values = read_robot(top)
         with top.constructing():
-            _check_cables(exit_points, anchor_points)
-        pulleys = Pulleys.none()
-        if "pulleys" in top:
-            pulleys = _read_pulleys(
-                top.section("pulleys", _PULLEY_KEYS, optional=_OPTIONAL_PULLEY_KEYS), len(exit_points)
-            )
-        with top.constructing():
-            lengths = home_lengths(exit_points, anchor_points, home, pulleys)
-        platform = _read_platform(top.section("platform", _PLATFORM_KEYS))
-        winch = _read_winch(top.section("winch", _WINCH_KEYS), lengths)
-        motor = _read_motor(top.section("motor", _MOTOR_KEYS))
-        with top.constructing():
-            return cls(
-                name=top.text("name"),
-                exit_points=exit_points,
-                anchor_points=anchor_points,
-                frame_size=top.array("frame_size", 3),
-                platform=platform,
-                platform_size=top.array("platform_size", 3),
-                winch=winch,
-                motor=motor,
-                tension_min=top.number("tension_min"),
-                tension_max=top.number("tension_max"),
-                home=home,
-                workspace_min=top.array("workspace_min", 3),
-                workspace_max=top.array("workspace_max", 3),
-                trajectory_center=top.array("trajectory_center", 3),
-                pulleys=pulleys,
-            )
+            return cls(**values)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -246,100 +194,8 @@ class Robot:
             )
 
 
-def home_lengths(
-    exit_points: ArrayLike, anchor_points: ArrayLike, home: Pose, pulleys: Pulleys | None = None
-) -> FloatArray:
-    """Return the cable lengths (m,) at a home pose, which are the zero of the winches, m.
-
-    For whoever builds a robot from other points than a file's: `Winch.home_lengths` must fit them, and with
-    pulleys they are not the distances of the points.
-
-    Parameters
-    ----------
-    exit_points, anchor_points : array_like, shape (m, 3)
-        In base and in platform, m.
-    home : Pose
-        A single pose.
-    pulleys : Pulleys, optional
-        None for fixed exit points.
-
-    Raises
-    ------
-    InvalidInputError
-        If the points do not fit each other or the pulleys, home is a batch, or a cable has no path there.
-    """
-    exits, anchors = _points("exit_points", exit_points), _points("anchor_points", anchor_points)
-    _check_cables(exits, anchors)
-    if home.batch_shape:
-        raise InvalidInputError("home", home.position, "must be a single pose")
-    geometry = path_geometry(exits, anchors, Pulleys.none() if pulleys is None else pulleys)
-    try:
-        return path_lengths(geometry, home)
-    except CableReachError as error:
-        raise InvalidInputError(
-            "home", home.position, f"cable {error.cable} has no length at this pose; {error.fault}"
-        ) from error
-
-
-def _points(name: str, value: ArrayLike) -> FloatArray:
-    points = checked(name, value, 3)
-    if points.ndim != 2:
-        raise InvalidInputError(name, value, f"shape {points.shape} where (m, 3) is needed")
-    return frozen(points)
-
-
 def _vector(name: str, value: ArrayLike) -> FloatArray:
     vector = checked(name, value, 3)
     if vector.ndim != 1:
         raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
     return frozen(vector)
-
-
-def _check_cables(exit_points: FloatArray, anchor_points: FloatArray) -> None:
-    if len(exit_points) < MINIMUM_CABLES:
-        raise InvalidInputError(
-            "exit_points",
-            exit_points,
-            f"{len(exit_points)} cables; six degrees of freedom take at least {MINIMUM_CABLES}",
-        )
-    if len(anchor_points) != len(exit_points):
-        raise InvalidInputError(
-            "anchor_points",
-            anchor_points,
-            f"{len(anchor_points)} anchor points for {len(exit_points)} exit points",
-        )
-
-
-def _read_home(section: Section) -> Pose:
-    position = section.array("position", 3)
-    alpha, beta, gamma = section.array("euler", 3)
-    with section.constructing():
-        return Pose.from_euler(position, alpha, beta, gamma)
-
-
-def _read_pulleys(section: Section, number_of_cables: int) -> Pulleys:
-    radius = section.array_or_row("radius", number_of_cables)
-    axis = section.array_or_row("swivel_axis", number_of_cables, 3) if "swivel_axis" in section else UPWARDS
-    with section.constructing():
-        return Pulleys(radius, axis)
-
-
-def _read_platform(section: Section) -> RigidBody:
-    mass = section.number("mass")
-    center_of_mass = section.array("center_of_mass", 3)
-    inertia = section.array("inertia", 3, 3)
-    with section.constructing():
-        return RigidBody(mass, center_of_mass, inertia)
-
-
-def _read_winch(section: Section, home_lengths: FloatArray) -> Winch:
-    drum_radius = section.number("drum_radius")
-    gear_ratio = section.number("gear_ratio")
-    with section.constructing():
-        return Winch(drum_radius, gear_ratio, home_lengths)
-
-
-def _read_motor(section: Section) -> Motor:
-    values = {key: section.number(key) for key in _MOTOR_KEYS}
-    with section.constructing():
-        return Motor(**values)

@@ -20,7 +20,7 @@ from .kernels.tension_batch import (
     assess_kernel,
     distribute_batch,
 )
-from .kernels.tension_kernels import EXACT, INFEASIBLE, SINGULAR, WRENCH_TOLERANCE
+from .kernels.tension_kernels import SINGULAR
 from .tension_result import TensionResult
 
 Method = Literal["minimum_norm", "closest", "centroid", "analytic_center"]
@@ -33,7 +33,6 @@ _CODES: dict[str, int] = {
     "analytic_center": ANALYTIC_CENTER,
 }
 _EQUAL_WEIGHTS = kernel_input(np.ones(6), 6)
-_PSEUDOINVERSE_CUTOFF = 1e-10
 _MOST_CABLES_WITH_CENTROID = 8
 
 
@@ -95,18 +94,17 @@ def distribute_tensions(
         below its upper one, a weight is not positive, the method is unknown, or `centroid` is asked for more
         than 8 cables.
     SingularWrenchMatrixError
-        If a wrench matrix has lost a rank and the method is not `minimum_norm`: the cables cannot hold the
-        platform there, whatever their tensions.
+        If a wrench matrix has lost a rank: the cables cannot hold the platform against every wrench there,
+        whatever their tensions.
     """
-    code = _CODES.get(method)
-    if code is None:
+    if method not in METHODS:
         raise InvalidInputError("method", method, f"known are {', '.join(METHODS)}")
     w, A = as_floats("wrench", wrench, 6), as_floats("wrench_matrix", wrench_matrix)
     if A.ndim < 2 or A.shape[-2] != 6 or A.shape[-1] < 6:
         raise InvalidInputError(
             "wrench_matrix", wrench_matrix, f"shape {A.shape} where (..., 6, m) with m >= 6 is needed"
         )
-    m = A.shape[-1]
+    m, code = A.shape[-1], _CODES[method]
     if method == "centroid" and m > _MOST_CABLES_WITH_CENTROID:
         raise InvalidInputError(
             "method", method, f"for at most {_MOST_CABLES_WITH_CENTROID} cables, not {m}; use analytic_center"
@@ -126,9 +124,7 @@ def distribute_tensions(
     in_chunks(work, n, threads)
     if any(singular):
         checked("wrench_matrix", A)
-        if method != "minimum_norm":
-            _raise_singular(problem[0], status, batch)
-        _pseudoinverse(problem[0], problem[1], tensions, status)
+        raise _singular(problem[0], status, batch)
     residual_wrench, residual, margin = np.empty((n, 6)), np.empty(n), np.empty(n)
     active, feasible = np.empty((n, m), np.int8), np.empty(n, np.bool_)
     appraisal: list[Any] = [residual_wrench, residual, margin, active, feasible]
@@ -196,22 +192,12 @@ def _checked_weights(weights: ArrayLike | None) -> FloatArray:
     return kernel_input(array, 6)
 
 
-def _raise_singular(A: FloatArray, status: NDArray[np.int64], batch: tuple[int, ...]) -> None:
+def _singular(A: FloatArray, status: NDArray[np.int64], batch: tuple[int, ...]) -> SingularWrenchMatrixError:
     first = int((status == SINGULAR).argmax())
     matrix = A[first if len(A) > 1 else 0]
-    raise SingularWrenchMatrixError(
+    return SingularWrenchMatrixError(
         "the cables cannot hold the platform against every wrench",
         matrix,
         np.linalg.svd(matrix, compute_uv=False),
         tuple(map(int, np.unravel_index(first, batch))) if batch else (),
     )
-
-
-def _pseudoinverse(A: FloatArray, w: FloatArray, tensions: FloatArray, status: NDArray[np.int64]) -> None:
-    """Complete the minimum-norm solutions where a wrench matrix has lost a rank."""
-    for k in np.flatnonzero(status == SINGULAR):
-        matrix, goal = A[k if len(A) > 1 else 0], w[k if len(w) > 1 else 0]
-        tensions[k] = np.linalg.pinv(matrix, rcond=_PSEUDOINVERSE_CUTOFF) @ goal
-        error = np.linalg.norm(matrix @ tensions[k] - goal)
-        reached = error <= WRENCH_TOLERANCE * max(float(np.linalg.norm(goal)), 1.0)
-        status[k] = EXACT if reached else INFEASIBLE

@@ -14,13 +14,18 @@ from .inverse_kinematics import inverse_kinematics
 from .pose import Acceleration, Pose, Twist
 from .rigid_body import Payload
 from .robot import Robot
+from .tensions import bounded_methods, distribute_tensions
+from .wrench_set import available_wrenches
 
 
 def warm_up(robot: Robot) -> None:
-    """Run each function of a control cycle once, at the home pose."""
+    """Run each function of a control cycle once, at the home pose, with every choice that may be made meanwhile."""
     home = Pose.from_quaternion(robot.home.position, robot.home.quaternion)
     lengths = inverse_kinematics(robot, home).lengths
-    feedforward_tensions(robot, home, Twist.zero(), Acceleration.zero(), Payload.none())
+    asked = feedforward_tensions(robot, home, Twist.zero(), Acceleration.zero(), Payload.none())
+    for method in bounded_methods(robot.number_of_cables):
+        distribute_tensions(asked.wrench_matrix, asked.wrench, robot.tension_min, robot.tension_max, method)
+    available_wrenches(asked.wrench_matrix, robot.tension_min, robot.tension_max)
     forward_kinematics(robot, lengths, home)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import BoolArray, FloatArray, checked, frozen, positive_number
+from .arrays import BoolArray, FloatArray, checked, frozen, positive_integer, positive_number
 from .errors import CableReachError, InvalidInputError
 from .feasibility import Task, assess_task
 from .pose import Pose
@@ -267,8 +267,7 @@ def explore_workspace(
     if total > _MOST_POSES:
         raise InvalidInputError("spacing", spacing, f"{total} poses; {_MOST_POSES} are the most")
     positive_number("lever", lever)
-    if threads < 1:
-        raise InvalidInputError("threads", threads, "at least one is needed")
+    positive_integer("threads", threads)
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(count, 3)
     rotations = [Pose.from_euler(np.zeros(3), *angle).rotation for angle in angles]
     margin = np.full(count, np.inf)

@@ -85,12 +85,10 @@ def parse_offered_qos(text: str) -> tuple[OfferedQos, ...]:
     profiles = []
     for entry in content if isinstance(content, list) else ():
         try:
-            words = {name: _word(name, entry[name]) for name in _POLICIES}
-            durations = {
-                name: min(entry[name]["sec"] * NANOSECONDS + entry[name]["nsec"], INFINITE)
-                for name in ("deadline", "lifespan", "liveliness_lease_duration")
-            }
-            profiles.append(OfferedQos(depth=int(entry["depth"]), **words, **durations))
+            values: dict[str, Any] = {name: _word(name, entry[name]) for name in _POLICIES}
+            for name in ("deadline", "lifespan", "liveliness_lease_duration"):
+                values[name] = min(entry[name]["sec"] * NANOSECONDS + entry[name]["nsec"], INFINITE)
+            profiles.append(OfferedQos(depth=int(entry["depth"]), **values))
         except (KeyError, TypeError, ValueError, IndexError):
             continue
     return tuple(profiles)

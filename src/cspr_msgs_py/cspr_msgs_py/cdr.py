@@ -10,8 +10,12 @@ Bytes that only fill up to an alignment have no meaning. Encoding writes zeros t
 stale memory, so decoding does not look at them.
 """
 
+import re
 import struct
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 ENCAPSULATION: Final = b"\x00\x01\x00\x00"  # plain CDR, little-endian, no options
 NANOSECONDS: Final = 1_000_000_000
@@ -100,12 +104,13 @@ class Template:
 class Frame:
     """A finished template: joins blocks of numbers into a message and recognises its own messages."""
 
-    __slots__ = ("_check", "_constants", "_pieces", "size")
+    __slots__ = ("_check", "_constants", "_pieces", "_places", "size")
 
     def __init__(self, pieces: tuple[bytes, ...], check: str, constants: tuple[bytes, ...]) -> None:
         self._pieces = pieces
         self._check = struct.Struct(check)
         self._constants = constants
+        self._places = _places(check, constants)
         self.size = self._check.size
 
     def encode(self, *blocks: bytes) -> bytes:
@@ -118,6 +123,31 @@ class Frame:
     def matches(self, buffer: Bytes) -> bool:
         """Return whether `buffer` has the length and the constants of this frame."""
         return len(buffer) == self.size and self._check.unpack(buffer) == self._constants
+
+    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return for each of many messages of this size, shape (n, size), whether it has the constants."""
+        matching = np.ones(len(records), dtype=bool)
+        for offset, constant in self._places:
+            equal = records[:, offset : offset + len(constant)] == constant
+            if not equal.all():  # which is rare, and much quicker asked of all than of each
+                matching &= equal.all(axis=1)
+        return matching
+
+
+def _places(check: str, constants: tuple[bytes, ...]) -> list[tuple[int, NDArray[np.uint8]]]:
+    """Return the constants and where they stand, those that touch one another joined."""
+    places: list[tuple[int, bytes]] = []
+    remaining = iter(constants)
+    offset = 0
+    for size, kind in re.findall(r"(\d+)([sx])", check):
+        if kind == "s":
+            start, constant = offset, next(remaining)
+            if places and places[-1][0] + len(places[-1][1]) == offset:
+                start, before = places.pop()
+                constant = before + constant
+            places.append((start, constant))
+        offset += int(size)
+    return [(start, np.frombuffer(constant, np.uint8)) for start, constant in places]
 
 
 class Scanner:

@@ -15,3 +15,7 @@ class BagError(MessagesError):
 
 class StartError(MessagesError):
     """A node cannot start; the text says what to change."""
+
+
+class BagWarning(UserWarning):
+    """A bag can be read, but not all of it is there."""

@@ -194,6 +194,10 @@ class JointStateCodec:
         """Return whether `buffer` is a message of this layout."""
         return self._frame.matches(buffer)
 
+    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return for each of many messages of this layout's size, shape (n, size), whether it has the layout."""
+        return self._frame.matches_each(records)
+
     @property
     def dtype(self) -> np.dtype[np.void]:
         """Structured type of one message, to view many joined ones as columns.

@@ -90,14 +90,15 @@ class McapWriter:
 
     def schema(self, name: str) -> int | None:
         """Return the id of the schema of this name, if the file has it already."""
-        return next((schema.id for schema in self._schemas if schema.name == name), None)
+        names = [schema.name for schema in self._schemas]
+        return names.index(name) + 1 if name in names else None
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Write a schema and return its id."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self._write(_bytes(schema))
         self._schemas.append(schema)
-        return schema.id
+        return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
         """Write a channel and return its id."""
@@ -110,7 +111,7 @@ class McapWriter:
         )
         self._write(_bytes(channel))
         self._channels.append(channel)
-        return channel.id
+        return len(self._channels)
 
     def add_message(self, channel: int, sequence: int, log_time: int, publish_time: int, data: bytes) -> None:
         """Put a message into the chunk in progress."""

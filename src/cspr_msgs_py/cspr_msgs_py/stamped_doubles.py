@@ -6,6 +6,7 @@ PoseStamped has seven of them (position, quaternion), InertiaStamped ten (mass, 
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspr_msgs_py.cdr import Bytes, Scanner, Template
 
@@ -42,6 +43,10 @@ class StampedDoublesCodec:
     def matches(self, buffer: Bytes) -> bool:
         """Return whether `buffer` is a message of this layout."""
         return self._frame.matches(buffer)
+
+    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return for each of many messages of this layout's size, shape (n, size), whether it has the layout."""
+        return self._frame.matches_each(records)
 
     @property
     def dtype(self) -> np.dtype[np.void]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -63,9 +62,7 @@ class FeedforwardNode(Node):
         subscribe(self, PAYLOAD, self._on_payload)
         self._diagnostics = Diagnostics(self, self._status)
         # The first computation is slower than the others; it must not fall into a control cycle.
-        for method in (*methods, parameters.settings.tension_method):
-            settings = replace(parameters.settings, tension_method=method)
-            Margins.of(Feedforward(robot, settings).compute(0.0, ReferencePoint.at_rest(robot.home)), robot)
+        Feedforward(robot, parameters.settings).compute(0.0, ReferencePoint.at_rest(robot.home))
 
     def _declare_settings(self, methods: tuple[Method, ...]) -> tuple[str, ...]:
         default = FeedforwardSettings()

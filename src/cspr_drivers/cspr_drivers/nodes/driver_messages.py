@@ -2,36 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cspr_drivers.can_bus import CanPort
 from cspr_drivers.drive_group import GroupState
 from cspr_drivers.drive_report import DriveReport
-from cspr_drivers.drive_status import DriveStatus
 from cspr_drivers.load_cell_master import NO_SYNC, LoadCellReport
 from cspr_msgs_py.conversions import Level, diagnostic_status
 
 _LEVELS = {GroupState.FAULT: Level.ERROR, GroupState.NOT_READY: Level.WARN}
 
 
-def drive_states(state: GroupState, cause: str, drives: Sequence[DriveStatus]) -> list[DiagnosticStatus]:
+def drive_states(report: DriveReport) -> list[DiagnosticStatus]:
     """Return the statuses of /drive_states: the drives as a whole, then each one."""
-    statuses = [diagnostic_status("can_drives", _LEVELS.get(state, Level.OK), state.value, {"cause": cause})]
-    for drive in drives:
-        level = Level.ERROR if drive.unavailable else Level.OK
+    overall = {"cause": report.cause, "enabled": ", ".join(report.members)}
+    level = _LEVELS.get(report.state, Level.OK)
+    statuses = [diagnostic_status("can_drives", level, report.state.value, overall)]
+    for drive, age in zip(report.drives, report.feedback_ages, strict=True):
+        level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
         values = {
             "brake": "unknown" if drive.state is None else "open" if drive.brake_open else "closed",
             "error_code": f"0x{drive.error_code:04X}",
+            "errors": "; ".join(error.text for error in drive.errors),
+            "remedy": drive.errors[-1].remedy if drive.errors else "",
             "statusword": f"0x{drive.status_word:04X}",
+            "emergency_stop": "active" if drive.emergency_stop else "",
+            "feedback_age_ms": _milliseconds(age),
             "unavailable": drive.unavailable,
         }
         statuses.append(diagnostic_status(drive.name, level, drive.state_name, values))
     return statuses
 
 
-def drive_diagnostics(report: DriveReport) -> DiagnosticStatus:
+def _milliseconds(age: float) -> str:
+    """Return an age in words for diagnostics; empty when nothing was ever heard."""
+    return f"{1e3 * age:.1f}" if math.isfinite(age) else ""
+
+
+def not_configured(node: str) -> DiagnosticStatus:
+    """Return the status of a driver that has not opened its buses."""
+    return diagnostic_status(node, Level.WARN, "not configured: no bus is open", {})
+
+
+def drive_diagnostics(report: DriveReport) -> list[DiagnosticStatus]:
+    """Return the health of the driver of the drives."""
+    return [_driver_diagnostics(report), *_each_drive(report)]
+
+
+def _each_drive(report: DriveReport) -> Iterator[DiagnosticStatus]:
+    for place, (drive, facts) in enumerate(zip(report.drives, report.facts, strict=True)):
+        counts = report.statistics.answers[place]
+        values = {
+            "answered": counts.answered,
+            "late": counts.late,
+            "missing": counts.missing,
+            "feedback_age_ms": _milliseconds(report.feedback_ages[place]),
+            "heartbeat_age_ms": _milliseconds(report.heartbeat_ages[place]),
+            "nmt_state": report.nmt_states[place],
+            "errors": "; ".join(str(error) for error in drive.errors),
+            "remedy": "; ".join(error.remedy for error in drive.errors),
+        }
+        if facts is not None:
+            values["written_settings"] = facts.written
+            if facts.rated_current is not None:
+                values["rated_current_a"] = f"{facts.rated_current:g}"
+        level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
+        message = drive.unavailable or drive.state_name
+        yield diagnostic_status(f"can_drives: {drive.name}", level, message, values)
+
+
+def _driver_diagnostics(report: DriveReport) -> DiagnosticStatus:
     """Return the health of the driver of the drives."""
     statistics = report.statistics
     values = {
@@ -82,6 +125,8 @@ def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
         "unknown_frames": port.unknown_frames,
         "malformed_frames": port.malformed_frames,
         "send_errors": port.send_errors,
+        "send_retries": port.send_retries,
+        "dropped_frames": port.dropped_frames,
         "bus_errors": port.bus_errors,
     }
     level = Level.WARN if any(counts.values()) else Level.OK

@@ -12,9 +12,9 @@ from cspr_msgs_py.nodes.process import run_nodes
 
 
 def create_nodes() -> list[Node]:
-    """Return both nodes; the first one opens the buses and closes them."""
+    """Return both nodes; they share the buses."""
     drives = CanDrives()
-    return [drives, LoadCells(drives.config, drives.ports)]
+    return [drives, LoadCells(drives.config, drives.shared_ports)]
 
 
 def main() -> int:

@@ -6,15 +6,15 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from cspr_drivers import clock
-from cspr_drivers.can_bus import CanPorts, open_ports
+from cspr_drivers.can_bus import CanPorts
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.load_cell_master import LoadCellMaster
-from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, load_config
-from cspr_drivers.nodes.driver_messages import bus_status, load_cell_diagnostics
+from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
+from cspr_drivers.nodes.driver_messages import bus_status, load_cell_diagnostics, not_configured
+from cspr_drivers.nodes.driver_node import DriverNode
+from cspr_drivers.shared_ports import SharedPorts
 from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
 from cspr_msgs_py.topics import CABLE_TENSIONS, cable_names
@@ -22,23 +22,16 @@ from cspr_msgs_py.topics import CABLE_TENSIONS, cable_names
 WATCH_PERIOD = 0.5  # s
 
 
-class LoadCells(Node):
-    """Driver of all load cells of `can.yaml`.
-
-    Parameters
-    ----------
-    config, ports
-        Configuration and open buses when they are shared with another node; the node closes only buses that
-        it has opened itself. By default both come from the parameter ``can_config``.
-    options
-        Keyword arguments of `Node`.
-    """
+class LoadCells(DriverNode):
+    """Driver of all load cells of `can.yaml`; parameters as of `DriverNode`."""
 
     def __init__(
-        self, config: CanConfig | None = None, ports: CanPorts | None = None, **options: Any
+        self,
+        config: CanConfig | None = None,
+        ports: SharedPorts | CanPorts | None = None,
+        **options: Any,
     ) -> None:
-        super().__init__("load_cells", **options)
-        self.config = load_config(self) if config is None else config
+        super().__init__("load_cells", config, ports, **options)
         self._tare_limit = declare(
             self,
             "tare_limit",
@@ -52,34 +45,40 @@ class LoadCells(Node):
             cable_names(len(self.config.load_cells)), position=False, velocity=False
         )
         self._tensions = advertise(self, CABLE_TENSIONS)
-        self._owns_ports = ports is None
-        self.ports = open_ports(self.config) if ports is None else ports
-        self._master = LoadCellMaster(self.config, self.ports, self._publish, self.get_logger().warning)
-        self._master.start()
-        self.create_service(Trigger, "~/tare", self._tare)
-        steady_timer(self, WATCH_PERIOD, lambda: self._master.watch(clock.monotonic()))
+        self._master: LoadCellMaster | None = None
+        self.service("~/tare", lambda: self.master.tare(self._tare_limit))
+        steady_timer(self, WATCH_PERIOD, self._watch)
         self._diagnostics = Diagnostics(self, self._report)
+        self.autostart()
 
-    def make_safe(self) -> None:
+    @property
+    def master(self) -> LoadCellMaster:
+        """The driver of a node that is configured."""
+        if self._master is None:
+            raise RuntimeError("the node is not configured")
+        return self._master
+
+    def begin(self, ports: CanPorts) -> None:
+        """Begin to configure the amplifiers and to listen to them."""
+        self._master = LoadCellMaster(self.config, ports, self._publish, self.get_logger().warning)
+        self._master.start()
+
+    def end(self) -> None:
         """Leave the bus."""
-        self._master.stop()
+        if self._master is not None:
+            self._master.stop()
+            self._master = None
 
-    def destroy_node(self) -> None:
-        """Destroy the node; close the buses if it has opened them."""
-        if self._owns_ports:
-            self.ports.close()
-        super().destroy_node()
+    def _watch(self) -> None:
+        if self._master is not None:
+            self._master.watch(clock.monotonic())
 
     def _publish(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self._tensions.publish(self._codec.encode(stamp_ns, effort=tensions))
 
-    def _tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = self._master.tare(self._tare_limit)
-        response.success = refusal is None
-        response.message = refusal or "accepted"
-        return response
-
     def _report(self) -> list[DiagnosticStatus]:
+        if self._master is None:
+            return [not_configured(self.get_name())]
         status = load_cell_diagnostics(self._master.snapshot(clock.monotonic()))
         return [status, *(bus_status("load_cells", port) for port in self.ports)]
 

@@ -14,7 +14,8 @@ from rclpy.node import Node
 from cspr_drivers import clock
 from cspr_drivers.can_bus import open_ports
 from cspr_drivers.can_config import CanConfig
-from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives, load_config
+from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
+from cspr_drivers.nodes.driver_node import load_config
 from cspr_drivers.nodes.load_cells import LoadCells
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.shared_plant import PlantModel

@@ -58,9 +58,9 @@ def distribute_batch(
     t_min, t_max, t_reference : numpy.ndarray, shape (n or 1, m)
     weights : numpy.ndarray, shape (6,)
     tensions : numpy.ndarray, shape (n, m)
-        Receives the tensions; nothing for a singular wrench matrix and MINIMUM_NORM.
+        Receives the tensions; nothing for a singular wrench matrix.
     status, steps : numpy.ndarray of int, shape (n,)
-        Receive a `TensionStatus` and the steps of the solvers.
+        Receive a `TensionStatus`, or SINGULAR, and the steps of the solvers.
     direction : numpy.ndarray, shape (n, 6)
         Receives the separating direction of each wrench out of reach of a bounded method; NaN for the others.
     separation : numpy.ndarray, shape (n,)

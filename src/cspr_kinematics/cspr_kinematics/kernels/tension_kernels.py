@@ -23,20 +23,18 @@ class TensionStatus(IntEnum):
 
     - EXACT: the tensions give the wrench; those of a bounded method lie within the limits.
     - INFEASIBLE: no tensions within the limits give the wrench; these are the ones of least weighted error.
-    - SINGULAR: the wrench matrix has lost a rank; the tensions are those of least weighted error.
     - ITERATION_LIMIT: the cap on steps was reached; the tensions lie within the limits, and no more is known.
     """
 
     EXACT = 0
     INFEASIBLE = 1
-    SINGULAR = 2
-    ITERATION_LIMIT = 3
+    ITERATION_LIMIT = 2
 
 
 EXACT = int(TensionStatus.EXACT)
 INFEASIBLE = int(TensionStatus.INFEASIBLE)
-SINGULAR = int(TensionStatus.SINGULAR)
 ITERATION_LIMIT = int(TensionStatus.ITERATION_LIMIT)
+SINGULAR = 3  # the wrench matrix has lost a rank, which callers turn into an error
 
 # A wrench counts as reached when its error is below this share of it (of one newton for smaller ones).
 WRENCH_TOLERANCE = 1e-6
@@ -76,7 +74,7 @@ def bounded_tensions_kernel(
     Returns
     -------
     status : int
-        A `TensionStatus`.
+        A `TensionStatus` or SINGULAR.
     residual : float
         |A t - w|, newton and newton metre alike.
     steps : int
@@ -87,37 +85,35 @@ def bounded_tensions_kernel(
     steps = 0
     particular = np.empty(m)
     N = np.empty((m, r))
-    regular = null_space_kernel(A, w, particular, N)
-    if regular:
-        found = True
-        x = np.zeros(r)
-        for k in range(r):
-            for i in range(m):
-                x[k] += N[i, k] * t_reference[i]
-        if not _tensions_at(particular, N, x, t_min, t_max, tensions):
-            if r == 0:
-                found = False
-            elif r == 2:
-                vertices = np.empty((2 * m + 4, 2))
-                count = feasible_polygon_kernel(particular, N, t_min, t_max, vertices)
-                steps = 1
-                found = count > 0
-                if found:
-                    nearest_in_polygon_kernel(vertices, count, x)
-            else:
-                outcome, steps = nearest_feasible_kernel(particular, N, t_min, t_max, x)
-                found = outcome == FOUND
+    if not null_space_kernel(A, w, particular, N):
+        return SINGULAR, np.inf, steps
+    found = True
+    x = np.zeros(r)
+    for k in range(r):
+        for i in range(m):
+            x[k] += N[i, k] * t_reference[i]
+    if not _tensions_at(particular, N, x, t_min, t_max, tensions):
+        if r == 0:
+            found = False
+        elif r == 2:
+            vertices = np.empty((2 * m + 4, 2))
+            count = feasible_polygon_kernel(particular, N, t_min, t_max, vertices)
+            steps = 1
+            found = count > 0
             if found:
-                _tensions_at(particular, N, x, t_min, t_max, tensions)
+                nearest_in_polygon_kernel(vertices, count, x)
+        else:
+            outcome, steps = nearest_feasible_kernel(particular, N, t_min, t_max, x)
+            found = outcome == FOUND
         if found:
-            residual = residual_kernel(A, w, tensions)
-            if residual <= reached_kernel(w):
-                return EXACT, residual, steps
+            _tensions_at(particular, N, x, t_min, t_max, tensions)
+    if found:
+        residual = residual_kernel(A, w, tensions)
+        if residual <= reached_kernel(w):
+            return EXACT, residual, steps
     converged, more = bounded_least_squares_kernel(A, w, t_min, t_max, t_reference, weights, tensions)
     steps += more
     residual = residual_kernel(A, w, tensions)
-    if not regular:
-        return SINGULAR, residual, steps
     if residual <= reached_kernel(w):
         return EXACT, residual, steps
     return (INFEASIBLE if converged else ITERATION_LIMIT), residual, steps

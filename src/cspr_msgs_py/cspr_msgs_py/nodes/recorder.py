@@ -25,7 +25,7 @@ from cspr_msgs_py.errors import MessageError, StartError
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
 from cspr_msgs_py.nodes.recorder_intake import Intake
-from cspr_msgs_py.nodes.scheduling import set_niceness
+from cspr_msgs_py.nodes.scheduling import set_background
 from cspr_msgs_py.qos import compatible_profile, offered_qos, qos_profile
 from cspr_msgs_py.recording_information import recording_information
 from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
@@ -119,7 +119,7 @@ class Recorder(Node):
             maximum=19,
             read_only=True,
         )
-        refusal = set_niceness(niceness)
+        refusal = set_background(niceness)
         if refusal is not None:
             self.get_logger().warning(refusal)
 

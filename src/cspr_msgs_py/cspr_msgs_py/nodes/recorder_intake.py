@@ -16,7 +16,7 @@ from cspr_msgs_py.topics import EVENTS
 _DEPTH = 500
 
 
-class _Source:
+class Source:
     """A topic that is recorded."""
 
     def __init__(self, name: str, type_name: str, latched: bool, subscription: Subscription) -> None:
@@ -66,7 +66,7 @@ class Intake:
         self._node = Node("_recorder_intake", **{**LEAN_NODE, **options})
         self._add_topic = add_topic
         self._write = write
-        self._sources: dict[str, _Source] = {}
+        self._sources: dict[str, Source] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self._sources
@@ -83,7 +83,7 @@ class Intake:
         subscription = self._node.create_subscription(
             message_class(type_name), name, _never_called, profile, raw=True
         )
-        self._sources[name] = _Source(name, type_name, latched, subscription)
+        self._sources[name] = Source(name, type_name, latched, subscription)
 
     def poll(self) -> None:
         """Hand on what has arrived since the last time."""
@@ -127,7 +127,7 @@ class Intake:
         """Destroy the subscriptions."""
         self._node.destroy_node()
 
-    def _hand_on(self, source: _Source, message: tuple[int, int, bytes, int]) -> None:
+    def _hand_on(self, source: Source, message: tuple[int, int, bytes, int]) -> None:
         if source.index is None:
             source.index = self._add_topic(source.name, source.type_name)
         self._write(source.index, *message)

@@ -50,11 +50,12 @@ def set_cpu(cpu: int) -> str | None:
     return None
 
 
-def set_niceness(niceness: int) -> str | None:
-    """Give this thread, and those that it will start, the nice level `niceness` (0 to 19: the higher, the later).
+def set_background(niceness: int) -> str | None:
+    """Keep this process out of the way of others: its threads interrupt nobody when they wake up (SCHED_BATCH).
 
-    The threads of the middleware keep theirs. They share locks and queues in shared memory with every publisher:
-    a thread that must wait for its turn there makes the control loop wait with it.
+    This thread and those that it will start also get the nice level `niceness` (0 to 19: the higher, the later).
+    The threads of the middleware do not: they share locks and queues in shared memory with every publisher, and
+    one that waits long for its turn makes the control loop wait with it.
 
     Returns
     -------
@@ -62,9 +63,10 @@ def set_niceness(niceness: int) -> str | None:
         None when it is done, else why it was refused.
     """
     try:
+        _each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0)))
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
     except OSError as error:
-        return f"nice level {niceness} was refused: {error}"
+        return f"background scheduling at nice level {niceness} was refused: {error}"
     return None
 
 

@@ -1,0 +1,297 @@
+"""Executable ``replay``: publishes a bag as it was recorded, with its timing and ``/clock``."""
+
+import argparse
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Iterable, Sequence
+from enum import Enum
+from itertools import chain
+from pathlib import Path
+
+import rclpy
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock
+
+from cspr_msgs_py.bag_reader import Bag, BagWarning, Message
+from cspr_msgs_py.cdr import NANOSECONDS
+from cspr_msgs_py.conversions import time_message
+from cspr_msgs_py.errors import BagError, MessageError, StartError
+from cspr_msgs_py.message_definitions import message_class
+from cspr_msgs_py.nodes.process import LEAN_NODE
+from cspr_msgs_py.qos import replay_profile
+from cspr_msgs_py.replay_pace import ReplayPace
+from cspr_msgs_py.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
+from cspr_msgs_py.topics import MOTOR_STATES, graph_topics
+
+CLOCK = "/clock"
+DRIVER = "can_drives"  # the node that passes the motors' commands on to real drives
+
+# What any number of nodes publish: nobody takes a replayed message for one of another.
+_COMMON = {"/rosout", "/parameter_events", *(topic.name for topic in graph_topics(0) if topic.writer == "*")}
+
+_CLOCK_PERIOD = 0.01  # s, on the clock on the wall and in the bag's time alike
+_LOOK_PERIOD = 0.1  # s between two looks at the keyboard and the progress bar
+_CONFLICT_PERIOD = 1.0  # s between two looks for a driver
+_DISCOVERY_TIME = 1.0  # s in which the nodes that are there, and who subscribes, become known
+
+DESCRIPTION = """Publish a bag as it was recorded: the same bytes on the same topics with the same quality of service
+and timing, and /clock, so that nodes with use_sim_time live in the bag's time.
+
+On a terminal: space pauses and goes on; s or the right arrow publishes the next message, c all messages up to the
+next motor states; + and - double and halve the rate; q ends."""
+
+EPILOG = """A topic that somebody else publishes is refused, and so are commands of motors where a node can_drives
+listens: replay into a graph of its own (another ROS_DOMAIN_ID), or choose the topics.
+
+examples:
+  replay runs/latest/bag                                      everything, to look at in RViz or Foxglove
+  replay runs/latest/bag --loop --topics /motor_states /cable_tensions
+  replay runs/latest/bag --start 12.5 --paused                to step through a moment"""
+
+
+class Step(Enum):
+    """How far a step goes."""
+
+    MESSAGE = "message"
+    CYCLE = "cycle"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Replay a bag; return the exit status."""
+    words = list(sys.argv if arguments is None else ["replay", *arguments])
+    options = _parse(remove_ros_args(words)[1:])
+    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))  # after the terminal is as it was
+    warnings.showwarning = _show_warning
+    warnings.simplefilter("always", BagWarning)
+    try:
+        with Bag(options.bag) as bag, keyboard() as keys:
+            replay = Replay(bag, options, keys)
+            try:
+                replay.run()
+            finally:
+                progress_line(None)
+    except KeyboardInterrupt:
+        return 0
+    except (BagError, StartError) as error:
+        print(f"replay: {error}", file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+class Replay:
+    """A replay of a bag.
+
+    Parameters
+    ----------
+    bag : Bag
+    options
+        Of the command line.
+    keys : Keyboard
+
+    Raises
+    ------
+    StartError, BagError
+        If what is asked for is not in the bag, or must not be published.
+    """
+
+    def __init__(self, bag: Bag, options: argparse.Namespace, keys: Keyboard) -> None:
+        if not any(bag.counts.values()):
+            raise BagError(f"{bag.path} has no message: there is nothing to replay")
+        self._bag = bag
+        self._keys = keys
+        self._loop: bool = options.loop
+        self._start_ns = bag.start_ns + round(options.start * NANOSECONDS)
+        if self._start_ns > bag.end_ns:
+            length = (bag.end_ns - bag.start_ns) / NANOSECONDS
+            raise StartError(f"--start {options.start:g}: the bag is {length:.2f} s long")
+        self._step: Step | None = None
+        self._ended = self._late = False
+        self._looked = self._checked = -1e9
+        self._node = Node("replay", **LEAN_NODE)
+        self._clock = self._node.create_publisher(
+            Clock, CLOCK, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        )
+        self._clock_ns = 0
+        self._latched: set[str] = set()
+        self._publishers: dict[str, Publisher] = {}
+        self._create_publishers(options.topics)
+        self._stepped_by = MOTOR_STATES.name if MOTOR_STATES.name in self._publishers else None
+        time.sleep(_DISCOVERY_TIME)
+        self._refuse_other_publishers()
+        self._refuse_to_drive()
+        self._pace = ReplayPace(self._start_ns, time.monotonic(), options.rate, options.paused)
+
+    def run(self) -> None:
+        """Publish until the end of the bag, again and again if asked to."""
+        while not self._ended:
+            self._pace.move(self._start_ns, time.monotonic())
+            messages = self._bag.in_order(self._publishers, self._start_ns)
+            for message in chain(self._states_at_start(), messages):
+                if not self._wait_for(message):
+                    return
+                self._publish(message)
+            self._show(self._bag.end_ns)
+            self._ended |= not self._loop
+
+    def _create_publishers(self, chosen: Sequence[str]) -> None:
+        known = self._bag.topics
+        for name in chosen or [name for name in known if name != CLOCK]:
+            if name not in known:
+                raise StartError(f"--topics {name}: the bag has {', '.join(sorted(known))}")
+            try:
+                kind = message_class(known[name])
+            except MessageError as error:
+                if chosen:
+                    raise StartError(f"--topics {name}: {error}") from error
+                print(f"replay: {name} is left out: {error}", file=sys.stderr)
+                continue
+            profile = replay_profile(self._bag.offered_qos(name))
+            if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+                self._latched.add(name)
+            self._publishers[name] = self._node.create_publisher(kind, name, profile)
+        if not self._publishers:
+            raise StartError(f"no topic of {self._bag.path} can be published")
+
+    def _refuse_other_publishers(self) -> None:
+        for name in {*self._publishers, CLOCK} - _COMMON:
+            publishers = self._node.get_publishers_info_by_topic(name)
+            others = {each.node_name for each in publishers} - {self._node.get_name()}
+            if others:
+                raise StartError(
+                    f"{name} is published by {', '.join(sorted(others))} already: leave it out with --topics, or "
+                    "replay into a graph of its own (another ROS_DOMAIN_ID)"
+                )
+
+    def _refuse_to_drive(self) -> None:
+        """Refuse to hand recorded torques to drives, whenever these appear."""
+        for name in self._publishers:
+            if name.endswith("/command") and any(
+                each.node_name == DRIVER for each in self._node.get_subscriptions_info_by_topic(name)
+            ):
+                raise StartError(
+                    f"{name} goes to the drives of a running {DRIVER}: no recorded torque may move a robot"
+                )
+        self._checked = time.monotonic()
+
+    def _states_at_start(self) -> Iterable[Message]:
+        """Return what the latched topics had said before the start: whoever subscribes is to know it."""
+        last: dict[str, Message] = {}
+        if self._start_ns > self._bag.start_ns:
+            for message in self._bag.in_order(self._latched, end_ns=self._start_ns):
+                last[message.topic] = message._replace(log_time_ns=self._start_ns)
+        return last.values()
+
+    def _wait_for(self, message: Message) -> bool:
+        """Wait until a message is due, or belongs to a step; return False if the replay is to end before.
+
+        Clock, keys and progress are looked after meanwhile.
+        """
+        due_ns = message.log_time_ns
+        while not self._ended and self._step is None:
+            now = time.monotonic()
+            self._late |= self._pace.catch_up(due_ns, now)
+            delay = self._pace.delay(due_ns, now)
+            if delay <= 0.0 and now - self._looked < _LOOK_PERIOD:
+                return True
+            self._look(min(max(delay, 0.0), _CLOCK_PERIOD), now)
+            self._publish_clock(min(self._pace.time_ns(time.monotonic()), due_ns))
+            if delay <= 0.0 and not self._pace.paused:
+                return True
+        return not self._ended
+
+    def _publish(self, message: Message) -> None:
+        if message.log_time_ns - self._clock_ns >= _CLOCK_PERIOD * NANOSECONDS or self._step is not None:
+            self._publish_clock(message.log_time_ns)
+        self._publishers[message.topic].publish(message.data)
+        if self._step is not None:
+            self._pace.move(message.log_time_ns, time.monotonic())
+            if self._step is Step.MESSAGE or message.topic == self._stepped_by:
+                self._step = None
+                self._show(message.log_time_ns, f", {message.topic}")
+
+    def _publish_clock(self, time_ns: int) -> None:
+        self._clock_ns = time_ns
+        self._clock.publish(Clock(clock=time_message(time_ns)))
+
+    def _look(self, timeout: float, now: float) -> None:
+        """Look at the keyboard for this time, and at the rest now and then."""
+        key = self._keys.wait(timeout)
+        if key:
+            self._take(key, time.monotonic())
+        if key or now - self._looked >= _LOOK_PERIOD:
+            self._looked = now
+            if not self._pace.paused or key == " ":
+                self._show(self._pace.time_ns(now))
+        if now - self._checked >= _CONFLICT_PERIOD:
+            self._refuse_to_drive()
+
+    def _take(self, key: str, now: float) -> None:
+        pace = self._pace
+        if key == " ":
+            pace.resume(now) if pace.paused else pace.pause(now)
+        elif key in ("s", "c", RIGHT_ARROW):
+            if not pace.paused:
+                pace.pause(now)
+            self._step = Step.CYCLE if key == "c" and self._stepped_by else Step.MESSAGE
+        elif key in ("+", "-"):
+            pace.change_rate(pace.rate * (2.0 if key == "+" else 0.5), now)
+        elif key == "q":
+            self._ended = True
+
+    def _show(self, time_ns: int, remark: str = "") -> None:
+        start_ns, end_ns = self._bag.start_ns, self._bag.end_ns
+        length = max(end_ns - start_ns, 1)
+        done = min(time_ns, end_ns) - start_ns
+        state = "paused" if self._pace.paused else f"{self._pace.rate:g}x"
+        if self._late:
+            state += ", slower than that: the computer cannot keep up"
+        text = f"{done / NANOSECONDS:.3f} of {length / NANOSECONDS:.3f} s, {state}{remark}"
+        progress_line(done / length, text)
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="replay",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("bag", metavar="BAG", type=Path, help="directory of a bag, or one of its files")
+    add("--rate", metavar="R", type=_positive, default=1.0, help="seconds of the bag in a second; default: 1")
+    add("--loop", action="store_true", help="begin again at the end")
+    add("--start", metavar="S", type=_not_negative, default=0.0, help="begin this many seconds into the bag")
+    add("--topics", metavar="TOPIC", nargs="+", default=[], help="publish only these; default: all")
+    add("--paused", action="store_true", help="begin with a pause")
+    return parser.parse_args(arguments)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not above 0")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a time")
+    return value
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"replay: {message}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
