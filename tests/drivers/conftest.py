@@ -44,29 +44,6 @@ def pdos(communication, node_id, cob_ids):
     return objects
 
 
-def numbers(**sizes):
-    """Return objects from their numbers: ``numbers(u16={(0x6072, 0): 1000})``."""
-    bytes_of = {"u8": 1, "u16": 2, "u32": 4}
-    return {
-        key: value.to_bytes(bytes_of[size], "little")
-        for size, values in sizes.items()
-        for key, value in values.items()
-    }
-
-
-def pdos(communication, node_id, cob_ids):
-    """Return default PDOs as devices have them: valid COB-IDs, nothing mapped (CiA 301, section 7.5.2)."""
-    objects = {}
-    for place, base in enumerate(cob_ids):
-        objects |= numbers(
-            u32={(communication + place, 1): base + node_id}
-            | {(communication + place + 0x200, entry): 0 for entry in range(1, 9)},
-            u16={(communication + place, 5): 0},
-            u8={(communication + place, 2): 255, (communication + place + 0x200, 0): 0},
-        )
-    return objects
-
-
 class ScriptedNode:
     """A CANopen device that remembers its objects and does what a test tells it."""
 

@@ -110,11 +110,6 @@ def unused_drive_pdos(config: CanConfig) -> tuple[Parameter, ...]:
     return default_pdos(tuple(in_use))
 
 
-def unused_drive_pdos() -> tuple[Parameter, ...]:
-    """Return the COB-ID entries of a drive's PDOs that must be not valid."""
-    return default_pdos(in_use=(RPDO, TPDO))
-
-
 def drive_mode() -> Parameter:
     """Return what modes of operation display must show once the mode is active."""
     return Parameter(
