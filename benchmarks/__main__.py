@@ -12,6 +12,7 @@ BENCHMARKS = {
     "messages": "encoding and decoding of a hot message",
     "controllers": "the controllers in closed loop without ROS (half a minute)",
     "filter_limit": "the quickest filter of the mass estimate (about a minute)",
+    "faults": "what each fault does: time until the brakes hold, and height lost (some minutes)",
 }
 
 parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)

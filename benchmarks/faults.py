@@ -195,7 +195,7 @@ SCENARIOS = (
         rest=2.0,
     ),
     Scenario("workspace left", _leave_workspace, "workspace", moving=False, lasts=6.0),
-    Scenario("emergency stop", _inject(InjectedFault.EMERGENCY_STOP), "drive"),
+    Scenario("emergency stop", _inject(InjectedFault.EMERGENCY_STOP), "emergency stop"),
     Scenario(
         "operator's quick stop",
         lambda graph: graph.robot.call(graph.robot.drives.quick_stop, "quick stop commanded"),

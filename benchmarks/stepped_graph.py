@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from benchmarks.stepped_robot import SteppedRobot
 from cspr_control.feedforward import Feedforward, FeedforwardSettings
@@ -23,7 +24,7 @@ from cspr_control.trajectory_player import TrajectoryPlayer
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.drive_report import MotorStates
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload, Robot
+from cspr_kinematics import KinematicsError, Payload, Robot
 
 CONFIG = Path(__file__).parents[1] / "config"
 GAINS = MotorGains(kp=2.0, kd=0.1)  # as in config/control.yaml
@@ -150,13 +151,7 @@ class SteppedGraph:
                 self.robot.at(now + LATENCY, partial(self._command, index, stamp, torque))
         self._cycle += 1
         if self._cycle % _POSE_CYCLES == 0:
-            pose = self._pose_estimator.estimate(angles)
-            self.supervisor.checks.observe_pose(now, pose.position)
-            self._payload_estimator.observe_pose(now, stamp, pose)
-            estimate = self._payload_estimator.update(now).published
-            self._feedforward.set_estimate(now, estimate.mass, estimate.center_of_mass)
-            if self.state not in _FOLLOWING:
-                self.player.hold(pose)
+            self._estimate(now, stamp, angles)
         target = stamp + round(self.robot.config.period * 1e9)
         reference = self.player.sample(target)
         if isinstance(reference, ReferencePoint):
@@ -166,6 +161,18 @@ class SteppedGraph:
                     now, target, setpoint.position[index], setpoint.velocity[index], setpoint.effort[index]
                 )
             self.supervisor.checks.observe_setpoint(now, target, setpoint.position, setpoint.velocity)
+
+    def _estimate(self, now: float, stamp: int, angles: NDArray[np.float64]) -> None:
+        try:
+            pose = self._pose_estimator.estimate(angles)
+        except KinematicsError:
+            return  # as the node: no pose, and whoever needs one sees it grow old
+        self.supervisor.checks.observe_pose(now, pose.position)
+        self._payload_estimator.observe_pose(now, stamp, pose)
+        estimate = self._payload_estimator.update(now).published
+        self._feedforward.set_estimate(now, estimate.mass, estimate.center_of_mass)
+        if self.state not in _FOLLOWING:
+            self.player.hold(pose)
 
     def _command(self, index: int, stamp: int, torque: float) -> None:
         if self.robot.driver_runs:

@@ -210,8 +210,10 @@ class SupervisorNode(Node):
     def _on_recorder_state(self, message: DiagnosticStatus) -> None:
         _, level, _, values = from_diagnostic_status(message)
         self._recorder_problem = values.get("cause", "") if level >= Level.ERROR else ""
-        if self._recorder_problem:  # the robot goes on: what it does is as safe as before
+        self._supervisor.observe_recording(self._recorder_problem)
+        if self._recorder_problem:
             self.get_logger().error(f"recorder: {self._recorder_problem}")
+            self._update()
 
     def _refuse(self, problem: str) -> None:
         self._unusable += 1
