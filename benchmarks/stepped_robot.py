@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from unittest import mock
 import can
 import canopen
 
+from cspr_drivers import clock as machine_clock
 from cspr_drivers import drive_master
 from cspr_drivers.can_bus import CanPort, CanPorts
 from cspr_drivers.can_config import CanConfig
@@ -138,6 +139,15 @@ class SteppedRobot:
 
     def __init__(self, can_config: CanConfig, simulation: SimulationConfig, eds: Path) -> None:
         self.clock = clock = SteppedClock()
+        self._patches = ExitStack()
+        # For as long as the robot lives, as threads of the driver read the clock whenever they like.
+        for name, function in (
+            ("monotonic", clock.monotonic),
+            ("time", clock.system),
+            ("time_ns", clock.system_ns),
+        ):
+            self._patches.enter_context(mock.patch.object(machine_clock, name, function))
+        self._patches.enter_context(mock.patch.object(drive_master, "CycleClock", _SteppedCycleClock))
         self.config = can_config
         self.plant = Plant(simulation)
         self.machine = SharedPlant(self.plant, simulation.payload_changes, clock.monotonic, clock.system)
@@ -190,20 +200,19 @@ class SteppedRobot:
         self.on_states: Callable[[MotorStates], None] = lambda states: None
         self.on_tensions: Callable[[int, tuple[float, ...]], None] = lambda stamp, tensions: None
         self.on_tick: Callable[[], None] = lambda: None
-        with self._stepped():
-            for node in (*self.devices, *self.amplifiers):
-                node.power_on()
-            for bus in self._buses.values():
-                bus.passed(self.now + 1.0)  # the devices booted before the driver came
-            self.drives = DriveMaster(
-                can_config, self.ports, lambda states: self.on_states(states), self.log.append
-            )
-            self.load_cells = LoadCellMaster(
-                can_config,
-                self.ports,
-                lambda *tensions: self.on_tensions(*tensions),
-                self.log.append,
-            )
+        for node in (*self.devices, *self.amplifiers):
+            node.power_on()
+        for bus in self._buses.values():
+            bus.passed(self.now + 1.0)  # the devices booted before the driver came
+        self.drives = DriveMaster(
+            can_config, self.ports, lambda states: self.on_states(states), self.log.append
+        )
+        self.load_cells = LoadCellMaster(
+            can_config,
+            self.ports,
+            lambda *tensions: self.on_tensions(*tensions),
+            self.log.append,
+        )
         self.at(self.now, self._cycle)
         self.at(self.now, self._tick)
 
@@ -214,21 +223,20 @@ class SteppedRobot:
 
     def start(self) -> None:
         """Start both masters and let them configure all devices."""
-        with self._stepped():
-            self.load_cells.start()
-            self.drives.start()
+        self.load_cells.start()
+        self.drives.start()
         self.wait_until(lambda: self.drives.states()[0].value == "disabled", "the drives are not ready")
         self.wait_until(
             lambda: not self.load_cells.snapshot(self.now).not_configured, "the cells are not ready"
         )
 
     def close(self) -> None:
-        """Let the threads of both masters end."""
+        """Let the threads of both masters end, and the machine have the computer's clock again."""
         self.faults.clear()
-        with self._stepped():
-            self.drives._commissioning.stop()
-            self.load_cells._commissioning.stop()
-            self.ports.close()
+        self.drives._commissioning.stop()
+        self.load_cells._commissioning.stop()
+        self.ports.close()
+        self._patches.close()
 
     def at(self, time: float, action: Callable[[], None]) -> None:
         """Do something at a simulated time, s."""
@@ -238,20 +246,19 @@ class SteppedRobot:
 
     def run_until(self, end: float) -> None:
         """Let simulated time pass up to a moment, s."""
-        with self._stepped():
-            while (due := self._next_due()) <= end:
-                self.clock.time = max(self.clock.time, due)
-                for name, bus in self._buses.items():
-                    with self._lock:
-                        frames = bus.passed(self.now)
-                    for passed in frames:
-                        self._deliver(name, passed.sender, passed.frame)
+        while (due := self._next_due()) <= end:
+            self.clock.time = max(self.clock.time, due)
+            for name, bus in self._buses.items():
                 with self._lock:
-                    action = heappop(self._events)[2] if self._events[0][0] <= self.now else None
-                if action is not None:
-                    action()
-            self.clock.time = max(self.clock.time, end)
-            self.machine.advance(self.machine.now(), exactly=True)
+                    frames = bus.passed(self.now)
+                for passed in frames:
+                    self._deliver(name, passed.sender, passed.frame)
+            with self._lock:
+                action = heappop(self._events)[2] if self._events[0][0] <= self.now else None
+            if action is not None:
+                action()
+        self.clock.time = max(self.clock.time, end)
+        self.machine.advance(self.machine.now(), exactly=True)
 
     def _next_due(self) -> float:
         with self._lock:
@@ -266,11 +273,6 @@ class SteppedRobot:
         """Let simulated time pass, s."""
         self.run_until(self.now + duration)
 
-    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call something of the driver at the present simulated time."""
-        with self._stepped():
-            return function(*arguments)
-
     def wait_until(self, condition: Callable[[], bool], problem: str) -> None:
         """Let simulated time pass until something is so; threads of the driver get real time for it."""
         deadline = time.monotonic() + _PATIENCE
@@ -279,16 +281,6 @@ class SteppedRobot:
                 raise TimeoutError(f"{problem}: {self.drives.states()[:2]}, {self.log[-3:]}")
             self.wait(0.002)
             time.sleep(0)  # lets the thread that configures have its turn
-
-    @contextmanager
-    def _stepped(self) -> Iterator[None]:
-        """Let the clock of the drivers be that of the simulation."""
-        clock = self.clock
-        with (
-            mock.patch.multiple(time, monotonic=clock.monotonic, time=clock.system, time_ns=clock.system_ns),
-            mock.patch.object(drive_master, "CycleClock", _SteppedCycleClock),
-        ):
-            yield
 
     def _sender(self, bus: str, sender: str) -> Callable[[can.Message], None]:
         def send(message: can.Message) -> None:
