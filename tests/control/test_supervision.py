@@ -10,6 +10,7 @@ from cspr_control.trajectory_player import TrajectoryPhase
 from cspr_control.watch import LastingViolation
 
 COUNT = 8
+PAY_OUT = 0.002  # m/rad
 STEP = 0.02
 LIMITS = SupervisionLimits(
     following_error=1.0,
@@ -19,6 +20,15 @@ LIMITS = SupervisionLimits(
     tension_max=3000.0,
     tension_max_time=0.1,
     enable_timeout=1.0,
+    motor_speed=450.0,
+    motor_speed_time=0.05,
+    workspace_min=(-1.0, -0.5, 0.3),
+    workspace_max=(1.0, 0.5, 2.0),
+    workspace_margin=0.05,
+    pay_out=PAY_OUT,
+    tension_difference=200.0,
+    tension_difference_time=0.3,
+    stuck_time=1.0,
     stop_timeout=0.8,
     drive_timeout=1.0,
 )
@@ -36,6 +46,11 @@ class Rig:
         self.angles = np.zeros(COUNT)
         self.tensions = np.full(COUNT, 400.0)
         self.silent = set()
+        self.speeds = np.zeros(COUNT)
+        self.torques = np.full(COUNT, -400.0 * PAY_OUT)
+        self.position = np.array([0.0, 0.0, 1.0])
+        self.stuck = np.zeros(COUNT, dtype=bool)
+        self.noise = np.random.default_rng(1)
 
     def step(self, duration=STEP):
         actions = []
@@ -49,14 +64,15 @@ class Rig:
         stamp = round(self.time * 1e9)
         checks = self.supervisor.checks
         if MonitoredInput.MOTOR_STATES not in self.silent:
-            checks.observe_motors(self.time, stamp, self.angles)
+            checks.observe_motors(self.time, stamp, self.angles, self.speeds, self.torques)
         if MonitoredInput.SETPOINT not in self.silent:
             # For the next cycle, at 2 rad/s: at the time of the state the desired angle is zero.
             checks.observe_setpoint(self.time, stamp + 4_000_000, np.full(COUNT, 0.008), np.full(COUNT, 2.0))
         if MonitoredInput.CABLE_TENSIONS not in self.silent:
-            checks.observe_tensions(self.time, self.tensions)
+            noise = self.noise.uniform(-2.0, 2.0, COUNT)
+            checks.observe_tensions(self.time, np.where(self.stuck, self.tensions, self.tensions + noise))
         if MonitoredInput.PLATFORM_POSE not in self.silent:
-            checks.observe_arrival(MonitoredInput.PLATFORM_POSE, self.time)
+            checks.observe_pose(self.time, self.position)
         if MonitoredInput.DRIVE_STATES not in self.silent:
             self.supervisor.observe_drives(self.time, self.drives, self.cause)
         self.supervisor.observe_trajectory(self.phase)
@@ -77,11 +93,36 @@ class Rig:
     def state(self):
         return self.supervisor.state
 
+    def load(self, cable, tension):
+        """Let a cable carry a tension, with the torque of its motor."""
+        self.tensions[cable] = tension
+        self.torques[cable] = -tension * PAY_OUT
+
     def assert_fault(self, actions, kind, text=""):
         assert self.state is RobotState.FAULT
         assert self.supervisor.fault.kind is kind
         assert text in str(self.supervisor.fault)
         assert actions[:2] == [Action.QUICK_STOP, Action.STOP_TRAJECTORY]
+
+    def assert_controlled_stop(self, actions, kind, text=""):
+        """The robot comes to rest along its path, closes the brakes, and only then is in fault."""
+        assert self.state is RobotState.STOPPING
+        assert self.supervisor.fault.kind is kind
+        assert text in str(self.supervisor.fault)
+        assert actions == [Action.STOP_TRAJECTORY]
+        self.phase = TrajectoryPhase.STOPPING
+        self.supervisor.answered(self.time, Action.STOP_TRAJECTORY, True, "")
+        assert self.step(0.3) == []
+        self.phase = TrajectoryPhase.HOLD
+        assert self.step() == [Action.DISABLE_DRIVES]
+        self.drives = DriverState.STOPPING
+        assert self.step(0.1) == []
+        self.drives = DriverState.DISABLED
+        assert self.step() == []
+        assert self.state is RobotState.FAULT
+        assert self.supervisor.fault.kind is kind
+        assert self.step(1.0) == []
+        assert not self.supervisor.enable(self.time).accepted
 
 
 @pytest.fixture
@@ -228,7 +269,11 @@ def test_stale_topic_is_a_fault(rig, source):
     rig.silent.add(source)
     limit = LIMITS.max_ages[source]
     assert rig.step(limit - 3 * STEP) == []
-    rig.assert_fault(rig.step(5 * STEP), FaultKind.STALE_TOPIC, source.value)
+    actions = rig.step(5 * STEP)
+    if source in (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE):
+        rig.assert_controlled_stop(actions, FaultKind.STALE_TOPIC, source.value)
+    else:
+        rig.assert_fault(actions, FaultKind.STALE_TOPIC, source.value)
 
 
 def test_following_error_is_a_fault_when_it_lasts(rig):
@@ -253,12 +298,115 @@ def test_motor_angle_that_is_not_finite_is_a_fault(rig):
 )
 def test_tension_beyond_its_limit_is_a_fault_when_it_lasts(rig, tension, allowed, kind):
     rig.enabled()
-    rig.tensions = np.array([400.0] * 4 + [tension] + [400.0] * 3)
+    rig.load(4, tension)
     assert rig.step(allowed - STEP) == []
-    rig.tensions = np.full(COUNT, 400.0)
+    rig.load(4, 400.0)
     assert rig.step(0.5) == []
-    rig.tensions = np.array([400.0] * 4 + [tension] + [400.0] * 3)
-    rig.assert_fault(rig.step(allowed + 2 * STEP), kind, "cable_5")
+    rig.load(4, tension)
+    actions = rig.step(allowed + 2 * STEP)
+    if kind is FaultKind.TENSION_LOW:
+        rig.assert_controlled_stop(actions, kind, "cable_5")
+    else:
+        rig.assert_fault(actions, kind, "cable_5")
+
+
+@pytest.mark.parametrize("speed", [460.0, -460.0, math.nan])
+def test_overspeed_is_a_fault_when_it_lasts(rig, speed):
+    rig.enabled()
+    rig.speeds[2] = speed
+    assert rig.step(0.04) == []
+    rig.speeds[2] = 440.0
+    assert rig.step(0.5) == []
+    rig.speeds[2] = speed
+    rig.assert_fault(rig.step(0.1), FaultKind.OVERSPEED, "motor_3")
+
+
+@pytest.mark.parametrize(
+    ("axis", "inside", "outside"), [(0, 1.04, 1.06), (0, -1.04, -1.06), (1, 0.54, 0.56), (2, 0.26, 0.24)]
+)
+def test_a_platform_that_leaves_its_workspace_comes_to_rest(rig, axis, inside, outside):
+    rig.enabled()
+    rig.position[axis] = inside
+    assert rig.step(0.5) == []
+    rig.position[axis] = outside
+    rig.assert_controlled_stop(rig.step(), FaultKind.WORKSPACE, f"{'xyz'[axis]} = ")
+
+
+def test_a_platform_outside_its_workspace_may_come_back_but_not_go_further(rig):
+    rig.position[1] = 0.8
+    rig.enabled()
+    rig.position[1] = 0.84
+    assert rig.step(0.5) == []
+    rig.position[1] = 0.86
+    rig.assert_controlled_stop(rig.step(), FaultKind.WORKSPACE, "y = 0.86")
+
+
+@pytest.mark.parametrize("error", [210.0, -210.0])
+def test_a_load_cell_that_its_motor_contradicts(rig, error):
+    rig.enabled()
+    rig.tensions[5] = 400.0 + 190.0
+    assert rig.step(1.0) == []
+    rig.tensions[5] = 400.0 + error
+    assert rig.step(0.2) == []
+    rig.assert_controlled_stop(rig.step(0.2), FaultKind.LOAD_CELL, "cable_6")
+
+
+def test_a_stuck_load_cell(rig):
+    rig.enabled()
+    rig.stuck[3] = True
+    assert rig.step(0.9) == []
+    rig.assert_controlled_stop(rig.step(0.2), FaultKind.LOAD_CELL, "cable_4 has shown exactly 400 N")
+
+
+def test_brakes_that_hold_contradict_no_load_cell(rig):
+    """While brakes open or close the cables hang on them, and not on the motors."""
+    rig.enabled()
+    rig.supervisor.stop(rig.time)
+    rig.step()
+    rig.supervisor.answered(rig.time, Action.STOP_TRAJECTORY, True, "")
+    assert rig.step() == [Action.DISABLE_DRIVES]
+    rig.torques[:] = 0.0
+    assert rig.step(0.8) == []
+
+
+def test_a_recording_that_fails_stops_the_robot_once(rig):
+    rig.enabled()
+    rig.supervisor.observe_recording("no space left on device")
+    rig.assert_controlled_stop(rig.step(), FaultKind.RECORDING, "no space left")
+    assert rig.supervisor.reset(rig.time).accepted
+    rig.step(0.1)
+    rig.enabled()
+    assert rig.step(1.0) == []
+
+
+def test_a_recording_that_failed_before_enabling_stops_nothing(rig):
+    rig.supervisor.observe_recording("no space left on device")
+    rig.enabled()
+    assert rig.step(1.0) == []
+
+
+def test_a_worse_fault_ends_a_controlled_stop_at_once_and_the_first_cause_stays(rig):
+    rig.enabled()
+    rig.position[0] = 1.2
+    assert rig.step() == [Action.STOP_TRAJECTORY]
+    rig.angles = np.full(COUNT, 2.0)
+    rig.assert_fault(rig.step(0.2), FaultKind.WORKSPACE)
+
+
+def test_a_fault_during_the_operators_stop_is_latched(rig):
+    rig.enabled()
+    rig.phase = TrajectoryPhase.RUNNING
+    rig.supervisor.stop(rig.time)
+    rig.step()
+    rig.position[0] = 1.2
+    assert rig.step() == []
+    rig.supervisor.answered(rig.time, Action.STOP_TRAJECTORY, True, "")
+    rig.phase = TrajectoryPhase.HOLD
+    assert rig.step() == [Action.DISABLE_DRIVES]
+    rig.drives = DriverState.DISABLED
+    rig.step()
+    assert rig.state is RobotState.FAULT
+    assert rig.supervisor.fault.kind is FaultKind.WORKSPACE
 
 
 @pytest.mark.parametrize("enabled", [False, True])
@@ -282,7 +430,7 @@ def test_drives_enabled_by_somebody_else_are_stopped(rig):
 
 def test_quick_stop_is_repeated_until_the_drives_obey(rig):
     rig.enabled()
-    rig.silent.add(MonitoredInput.CABLE_TENSIONS)
+    rig.silent.add(MonitoredInput.SETPOINT)
     rig.step(0.2)
     assert rig.step(0.6).count(Action.QUICK_STOP) >= 2
     rig.drives = DriverState.STOPPING
@@ -342,7 +490,7 @@ def test_reset_that_the_drives_refuse(faulty):
 def test_reset_needs_a_fault_and_stopped_drives(rig):
     assert not rig.supervisor.reset(rig.time).accepted
     rig.enabled()
-    rig.silent.add(MonitoredInput.CABLE_TENSIONS)
+    rig.silent.add(MonitoredInput.SETPOINT)
     rig.step(0.2)
     assert "not yet stopped" in rig.supervisor.reset(rig.time).message
 

@@ -29,7 +29,7 @@ class RobotState(Enum):
     - DISABLED: brakes closed, the reference follows the measured pose.
     - ENABLING: the drives were told to enable.
     - ENABLED: the motors follow their set-points.
-    - STOPPING: the trajectory comes to rest, then the brakes close.
+    - STOPPING: the trajectory comes to rest, then the brakes close; when a fault asked for it, FAULT follows.
     - FAULT: the drives were stopped; the cause is latched until the operator resets it.
     """
 
@@ -87,7 +87,7 @@ class Supervisor:
     state
         State of the robot.
     fault
-        What is latched; None outside the state FAULT.
+        What is latched; None outside the state FAULT and the stop that leads to it.
     remark
         Why the last enabling came to nothing without a fault; else empty.
     checks
@@ -107,6 +107,7 @@ class Supervisor:
         self._trajectory_stopped = False
         self._disabling = False
         self._resetting = False
+        self._recording_problem = ""  # news of it, not yet judged
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
 
@@ -124,6 +125,7 @@ class Supervisor:
         if obstacle is not None:
             return Decision(False, f"refused: {obstacle}")
         self.remark = ""
+        self._recording_problem = ""  # whoever enables without a recording does not want one
         self.checks.clear()
         self._enter(RobotState.ENABLING, time)
         self._actions.append(Action.ENABLE_DRIVES)
@@ -132,9 +134,7 @@ class Supervisor:
     def stop(self, time: float) -> Decision:
         """Operator's command to come to rest along the path and close the brakes."""
         if self.state is RobotState.ENABLED:
-            self._enter(RobotState.STOPPING, time)
-            self._trajectory_stopped = self._disabling = False
-            self._actions.append(Action.STOP_TRAJECTORY)
+            self._stop_along_path(time)
             return Decision(True, "stopping along the path, then closing the brakes")
         if self.state is RobotState.ENABLING:
             self._enter(RobotState.STOPPING, time)
@@ -159,6 +159,10 @@ class Supervisor:
         """Take over the state of the drives."""
         self.checks.observe_arrival(MonitoredInput.DRIVE_STATES, time)
         self._drives, self._drives_cause = state, cause
+
+    def observe_recording(self, problem: str) -> None:
+        """Take over that the recording has failed, or with an empty text that it goes on."""
+        self._recording_problem = problem
 
     def observe_trajectory(self, phase: TrajectoryPhase) -> None:
         """Take over what the reference does."""
@@ -188,11 +192,14 @@ class Supervisor:
             self._update_fault(time)
         else:
             fault = self._find_fault(time)
-            if fault is not None:
-                self._fail(time, fault)
+            if fault is not None and fault.controlled and self.state is not RobotState.ENABLING:
+                self._stop_for(fault, time)
+            elif fault is not None:
+                # a stop along the path that fails on the way keeps the cause that it began with
+                self._fail(time, self.fault or fault)
             elif self.state is RobotState.ENABLING and self._drives is DriverState.ENABLED:
                 self._enter(RobotState.ENABLED, time)
-            elif self.state is RobotState.STOPPING:
+            if self.state is RobotState.STOPPING:
                 self._update_stopping(time)
         actions = tuple(self._actions)
         self._actions.clear()
@@ -209,8 +216,29 @@ class Supervisor:
                     FaultKind.DRIVE_STATE, "the drives are enabled although nobody enabled the robot"
                 )
             return None
-        fault = self.checks.stale(time) or self.checks.excess(time)
-        return fault or self._find_drive_fault(time)
+        following = self.state is RobotState.ENABLED or (
+            self.state is RobotState.STOPPING and not self._disabling
+        )
+        faults = self.checks.stale(time) + self.checks.excess(time, following)
+        urgent = next((fault for fault in faults if not fault.controlled), None)
+        urgent = urgent or self._find_drive_fault(time)
+        if urgent is not None:
+            return urgent
+        if self._recording_problem:
+            faults.append(Fault(FaultKind.RECORDING, self._recording_problem, controlled=True))
+        return faults[0] if faults else None
+
+    def _stop_for(self, fault: Fault, time: float) -> None:
+        """Come to rest along the path, close the brakes, and latch the fault."""
+        self._recording_problem = ""
+        self.fault = self.fault or fault
+        if self.state is RobotState.ENABLED:
+            self._stop_along_path(time)
+
+    def _stop_along_path(self, time: float) -> None:
+        self._enter(RobotState.STOPPING, time)
+        self._trajectory_stopped = self._disabling = False
+        self._actions.append(Action.STOP_TRAJECTORY)
 
     def _find_drive_fault(self, time: float) -> Fault | None:
         elapsed, limits = time - self._since, self._limits
@@ -230,7 +258,7 @@ class Supervisor:
     def _update_stopping(self, time: float) -> None:
         if self._disabling:
             if self._drives is DriverState.DISABLED:
-                self._enter(RobotState.DISABLED, time)
+                self._enter(RobotState.FAULT if self.fault else RobotState.DISABLED, time)
             return
         at_rest = self._trajectory_stopped and self._phase.at_rest
         if at_rest or time - self._since > self._limits.stop_timeout:

@@ -66,6 +66,16 @@ class CyclicFrame(can.Message):  # type: ignore[misc]  # python-can's classes co
         self.dlc = len(data)
 
 
+def copied_frame(frame: can.Message) -> can.Message:
+    """Return a copy of a frame, with data that its sender does not change."""
+    # The checks of the constructor would cost more than the copy.
+    copy = can.Message.__new__(can.Message)
+    for attribute in _CONTENT_OF_A_FRAME:
+        setattr(copy, attribute, getattr(frame, attribute))
+    copy.data = bytes(frame.data)
+    return copy
+
+
 class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
     """python-can's virtual bus with a cheaper queue, or with none, and one cheap copy a frame for all receivers.
 
@@ -85,18 +95,18 @@ class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put a frame on the bus; its receivers must not write into it."""
-        self._check_if_open()
-        # The checks of the constructor would cost more than the copy.
-        copy = can.Message.__new__(can.Message)
-        for attribute in _CONTENT_OF_A_FRAME:
-            setattr(copy, attribute, getattr(msg, attribute))
-        copy.data = bytes(msg.data)
+        copy = copied_frame(msg)
         copy.timestamp = clock.time()
-        copy.channel = self.channel_id
-        copy.is_rx = True
+        self.pass_on(copy)
+
+    def pass_on(self, frame: can.Message) -> None:
+        """Give a frame, with the time stamp that it has, to all other ends; nobody writes into it any more."""
+        self._check_if_open()
+        frame.channel = self.channel_id
+        frame.is_rx = True
         for queue in self.channel:
             if queue is not self.queue:
-                queue.put(copy)
+                queue.put(frame)
 
     def deliver_to(self, handler: Callable[[can.Message], None]) -> None:
         """Call `handler` with each frame from now on, in the thread of its sender and before `send` returns."""

@@ -46,6 +46,8 @@ class NotedPlant:
         self.torque = np.zeros(count)
         self.damping = np.zeros(count)
         self.brake_closed = np.ones(count, dtype=bool)
+        self.brake_share = np.ones(count)
+        self.slipped = np.zeros(count)
         self.cable_tensions = np.full(count, 600.0)
         self.torque_log: list[tuple[float, float]] = []  # time, torque of motor 0
 
@@ -65,6 +67,12 @@ class NotedPlant:
 
     def set_brake(self, index: int, closed: bool) -> None:
         self.brake_closed[index] = closed
+
+    def weaken_brake(self, index: int, share: float) -> None:
+        self.brake_share[index] = share
+
+    def slip_cable(self, index: int, length: float) -> None:
+        self.slipped[index] += length
 
     def motor_angles(self) -> np.ndarray:
         return self.angles.copy()
@@ -276,3 +284,9 @@ def desk() -> DriveDesk:
     desk = DriveDesk()
     desk.configure()
     return desk
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """Return the directory of the repository."""
+    return Path(__file__).parents[3]

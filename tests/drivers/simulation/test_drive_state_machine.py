@@ -58,9 +58,10 @@ TRANSITIONS = [
     (S.SWITCHED_ON, 0x00, S.SWITCH_ON_DISABLED),  # 10
     (S.OPERATION_ENABLED, 0x0F, S.OPERATION_ENABLED),
     (S.OPERATION_ENABLED, 0x02, S.QUICK_STOP_ACTIVE),  # 11
-    (S.OPERATION_ENABLED, 0x80, S.OPERATION_ENABLED),  # 9, when the brake holds
+    (S.OPERATION_ENABLED, 0x80, S.SWITCH_ON_DISABLED),  # 9
+    (S.OPERATION_ENABLED, 0x00, S.SWITCH_ON_DISABLED),  # 9
     (S.QUICK_STOP_ACTIVE, 0x0F, S.QUICK_STOP_ACTIVE),
-    (S.QUICK_STOP_ACTIVE, 0x00, S.QUICK_STOP_ACTIVE),  # 12, when the brake holds
+    (S.QUICK_STOP_ACTIVE, 0x00, S.SWITCH_ON_DISABLED),  # 12
     (S.FAULT_REACTION_ACTIVE, 0x00, S.FAULT_REACTION_ACTIVE),
     (S.FAULT_REACTION_ACTIVE, 0x80, S.FAULT_REACTION_ACTIVE),
     (S.FAULT, 0x80, S.SWITCH_ON_DISABLED),  # 15
@@ -79,7 +80,6 @@ def test_transition(before, word, after):
 LEAVING = [
     (0x07, S.SWITCHED_ON),  # 5
     (0x06, S.READY_TO_SWITCH_ON),  # 8
-    (0x00, S.SWITCH_ON_DISABLED),  # 9
     (0x02, S.SWITCH_ON_DISABLED),  # 11, 12
 ]
 
@@ -96,6 +96,26 @@ def test_operation_is_left_with_the_brake_closed_before_power_goes(word, after):
     assert not machine.powered
     assert not machine.brake_open
     assert machine.state is after
+
+
+def test_disable_voltage_leaves_the_motor_to_the_brake():
+    machine = machine_in(S.OPERATION_ENABLED)
+    machine.command(0x00, 0.0, may_operate=True)
+    assert not machine.powered
+    machine.advance(0.019, 0.0)
+    assert machine.brake_open
+    machine.advance(0.021, 0.0)
+    assert not machine.brake_open
+    assert machine.settled
+
+
+def test_power_cut_while_the_brake_closes_does_not_delay_it():
+    machine = machine_in(S.OPERATION_ENABLED)
+    machine.command(0x07, 0.0, may_operate=True)
+    machine.advance(0.0, 0.0)
+    machine.command(0x00, 0.015, may_operate=True)
+    machine.advance(0.021, 0.0)
+    assert not machine.brake_open
 
 
 def test_first_transition_follows_by_itself():
@@ -126,7 +146,7 @@ def test_operation_needs_a_mode():
 def test_quick_stop_waits_for_standstill_but_not_for_ever(speed, duration):
     machine = machine_in(S.OPERATION_ENABLED)
     machine.command(0x02, 0.0, may_operate=True)
-    assert machine.damps
+    assert machine.damping == 1.0
     assert not machine.follows_target
     time = 0.0
     while machine.powered:
@@ -139,6 +159,7 @@ def test_quick_stop_waits_for_standstill_but_not_for_ever(speed, duration):
 def test_enable_cannot_call_a_closing_brake_back():
     machine = machine_in(S.OPERATION_ENABLED)
     machine.command(0x07, 0.0, may_operate=True)
+    machine.advance(0.0, 0.0)
     machine.command(0x0F, 0.01, may_operate=True)
     machine.advance(0.021, 0.0)
     assert machine.state is S.SWITCHED_ON

@@ -84,3 +84,32 @@ def test_refusals(load_cell_desk):
     assert desk.write(0x6132, 1, 6, 1) == SdoAbort.VALUE_TOO_HIGH
     assert desk.read(0x6125, 1) == SdoAbort.WRITE_ONLY
     assert desk.write(0x9130, 1, 0, 4) == SdoAbort.READ_ONLY
+
+
+# Injected faults
+
+
+def test_stuck_and_saturated_cells(operational):
+    desk = operational()
+    assert desk.measure() == (6000, 0)
+    desk.cell.stuck = True
+    desk.plant.cable_tensions[0] = 700.0
+    assert desk.measure() == (6000, 0)
+    desk.cell.stuck = False
+    assert desk.measure() == (7000, 0)
+    desk.cell.saturated = True
+    value, status = desk.measure()
+    assert value == 50000
+    assert status == InputStatus.POSITIVE_OVERLOAD
+
+
+def test_drift_runs_with_time_and_ends(operational):
+    desk = operational()
+    desk.measure()
+    desk.cell.drift(100.0)
+    for _ in range(5):
+        value, status = desk.measure()
+    assert value == 6000 + 5 * 4
+    assert status == 0
+    desk.cell.drift(0.0)
+    assert desk.measure() == (6000, 0)

@@ -133,6 +133,42 @@ def test_brakes_stop_a_fall(config: SimulationConfig) -> None:
     assert np.abs(plant.motor_angles() - held).max() < 1e-3
 
 
+@pytest.mark.parametrize(("share", "slips"), [(1.0, False), (0.05, True)])
+def test_a_brake_slips_when_the_load_is_beyond_its_torque(config, share, slips) -> None:
+    """A cable's tension times drum radius over gear ratio against the holding torque of 12 N m or 0.6 N m."""
+    plant = Plant(carrying(config, 200.0))
+    load = config.robot.winch.ratio * plant.tensions()[0]
+    assert 0.6 + config.robot.motor.coulomb_friction < load < 12.0
+    plant.weaken_brake(0, share)
+    plant.set_brake(0, closed=True)
+    plant.advance(0.2)
+    assert (plant.motor_angles()[0] > 0.5) is slips
+    assert np.abs(plant.motor_angles()[1:]).max() < 1e-3
+
+
+def test_a_brake_slips_at_its_holding_torque(config) -> None:
+    """The motor pulls against its own brake with the 10 N m that it has."""
+    turned = {}
+    for holding in (8.0, 12.0):
+        brake = dataclasses.replace(config.brake, holding_torque=holding)
+        plant = Plant(dataclasses.replace(carrying(config, 0.0), brake=brake))
+        plant.set_torque(0, 10.0)
+        plant.advance(0.1)
+        turned[holding] = plant.motor_angles()[0]
+    assert turned[8.0] > 0.5
+    assert abs(turned[12.0]) < 1e-3
+
+
+def test_a_cable_that_slips_on_its_drum_goes_slack(config) -> None:
+    plant = Plant(carrying(config, 0.0))
+    plant.slip_cable(0, 0.05)
+    plant.advance(0.2)
+    assert plant.tensions()[0] == 0.0
+    plant.slip_cable(0, -0.05)
+    plant.advance(0.5)
+    assert plant.tensions()[0] > 100.0
+
+
 def test_torque_is_limited_to_the_motor(config: SimulationConfig) -> None:
     plant = Plant(config)
     plant.set_torque(0, -1e3)

@@ -12,6 +12,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from cspr_drivers.errors import ConfigurationError, DriverError
 from cspr_drivers.nodes.simulated_robot import SimulatedRobot, create_nodes
@@ -85,6 +86,12 @@ class Observer:
             assert time.monotonic() < end, f"nothing came of it; {self.drive_state}; {self.health}"
             self.executor.spin_once(timeout_sec=0.05)
 
+    def call(self, client) -> Trigger.Response:
+        assert client.wait_for_service(PATIENCE)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done)
+        return future.result()
+
     def close(self) -> None:
         for node in self.nodes:
             self.executor.remove_node(node)
@@ -130,6 +137,21 @@ def test_simulated_robot(observer):
     assert observer.payloads[-1][1] == 60.0
 
     simulated = observer.nodes[-1]
+    inject = observer.probe.create_client(Trigger, "/simulated_robot/inject_fault")
+    clear = observer.probe.create_client(Trigger, "/simulated_robot/clear_faults")
+    answer = observer.call(inject)
+    assert not answer.success
+    assert "drive_silent" in answer.message
+    (result,) = simulated.set_parameters([Parameter("fault", value="drive_silent motor_9")])
+    assert not result.successful
+    assert "motor_8" in result.reason
+    (result,) = simulated.set_parameters([Parameter("fault", value="drive_silent motor_3")])
+    assert result.successful
+    assert observer.call(inject).success
+    observer.until(lambda: observer.drive_state == "not_ready")
+    assert observer.call(clear).success
+    observer.until(lambda: observer.drive_state == "disabled")
+
     with simulated._emulator.machine.lock:
         simulated._emulator.machine.failure = DriverError("the simulated machine diverged")
     with pytest.raises(DriverError, match="diverged"):

@@ -11,6 +11,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -20,7 +21,14 @@ from cspr_control.nodes.parameters import declare_robot
 from cspr_control.supervision import Action, Decision, DriverState, RobotState, Supervisor
 from cspr_control.supervision_checks import MonitoredInput, SupervisionLimits
 from cspr_control.trajectory_player import TrajectoryPhase
-from cspr_msgs_py.conversions import Level, diagnostic_status, from_diagnostic_array, from_diagnostic_status
+from cspr_kinematics import Robot
+from cspr_msgs_py.conversions import (
+    Level,
+    diagnostic_status,
+    from_diagnostic_array,
+    from_diagnostic_status,
+    from_pose_stamped,
+)
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.joint_state_conversion import decode_joint_state
@@ -62,6 +70,11 @@ _LIMITS = {
     "following_error_time": ("How long it may be exceeded", "s"),
     "tension_min_time": ("How long a tension may be below tension_min of the robot", "s"),
     "tension_max_time": ("How long a tension may be above tension_max of the robot", "s"),
+    "motor_speed_time": ("How long a motor may be faster than speed_limit of the robot", "s"),
+    "workspace_margin": ("How far the platform may leave the workspace of the robot", "m"),
+    "tension_difference": ("Largest difference of a load cell and the torque of its motor", "N"),
+    "tension_difference_time": ("How long it may be exceeded", "s"),
+    "stuck_time": ("How long a load cell may show the very same value", "s"),
     "enable_timeout": ("Time for the drives to become enabled", "s"),
     "stop_timeout": ("Time for the trajectory to come to rest", "s"),
     "drive_timeout": ("Time for the drives to become disabled or reset", "s"),
@@ -75,7 +88,7 @@ class SupervisorNode(Node):
         super().__init__("supervisor", **options)
         robot = declare_robot(self)
         count = robot.number_of_cables
-        self._supervisor = Supervisor(count, self._declare_limits(robot.tension_min, robot.tension_max))
+        self._supervisor = Supervisor(count, self._declare_limits(robot))
         self._motors = JointStateCodec(motor_names(count))
         self._cables = JointStateCodec(cable_names(count), position=False, velocity=False)
         self._arrived: dict[MonitoredInput, tuple[float, bytes]] = {}  # not looked into yet
@@ -91,10 +104,10 @@ class SupervisorNode(Node):
             MonitoredInput.MOTOR_STATES: MOTOR_STATES,
             MonitoredInput.SETPOINT: SETPOINT,
             MonitoredInput.CABLE_TENSIONS: CABLE_TENSIONS,
-            MonitoredInput.PLATFORM_POSE: PLATFORM_POSE,
         }
         for source, topic in hot.items():
             subscribe_raw(self, topic, partial(self._note, source))
+        subscribe(self, PLATFORM_POSE, self._on_pose)
         subscribe(self, DRIVE_STATES, self._on_drive_states)
         subscribe(self, TRAJECTORY_STATE, self._on_trajectory_state)
         subscribe(self, RECORDER_STATE, self._on_recorder_state)
@@ -108,7 +121,7 @@ class SupervisorNode(Node):
         self._timer = steady_timer(self, _PERIOD, self._update)
         self._publish_state()
 
-    def _declare_limits(self, tension_min: float, tension_max: float) -> SupervisionLimits:
+    def _declare_limits(self, robot: Robot) -> SupervisionLimits:
         default = SupervisionLimits()
         values: dict[str, Any] = {
             name: declare(
@@ -136,7 +149,16 @@ class SupervisorNode(Node):
             )
             for source, age in default.max_ages.items()
         }
-        return SupervisionLimits(max_ages=ages, tension_min=tension_min, tension_max=tension_max, **values)
+        return SupervisionLimits(
+            max_ages=ages,
+            tension_min=robot.tension_min,
+            tension_max=robot.tension_max,
+            motor_speed=robot.motor.speed_limit,
+            workspace_min=tuple(robot.workspace_min.tolist()),
+            workspace_max=tuple(robot.workspace_max.tolist()),
+            pay_out=robot.winch.ratio,
+            **values,
+        )
 
     def _note(self, source: MonitoredInput, message: bytes) -> None:
         # The checks run less often than the bus; what arrives in between is replaced unread.
@@ -151,14 +173,18 @@ class SupervisorNode(Node):
                     checks.observe_tensions(arrival, decode_joint_state(self._cables, message).effort)
                 elif source is MonitoredInput.MOTOR_STATES:
                     sample = decode_joint_state(self._motors, message)
-                    checks.observe_motors(arrival, sample.stamp_ns, sample.position)
-                elif source is MonitoredInput.SETPOINT:
+                    checks.observe_motors(
+                        arrival, sample.stamp_ns, sample.position, sample.velocity, sample.effort
+                    )
+                else:
                     sample = decode_joint_state(self._motors, message)
                     checks.observe_setpoint(arrival, sample.stamp_ns, sample.position, sample.velocity)
-                else:
-                    checks.observe_arrival(source, arrival)
             except MessageError as error:
                 self._refuse(str(error))  # and its topic grows stale
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        _, position, _ = from_pose_stamped(message)
+        self._supervisor.checks.observe_pose(time.monotonic(), position)
 
     def _on_drive_states(self, message: DiagnosticArray) -> None:
         status = from_diagnostic_array(message).get("can_drives")
@@ -184,8 +210,10 @@ class SupervisorNode(Node):
     def _on_recorder_state(self, message: DiagnosticStatus) -> None:
         _, level, _, values = from_diagnostic_status(message)
         self._recorder_problem = values.get("cause", "") if level >= Level.ERROR else ""
-        if self._recorder_problem:  # the robot goes on: what it does is as safe as before
+        self._supervisor.observe_recording(self._recorder_problem)
+        if self._recorder_problem:
             self.get_logger().error(f"recorder: {self._recorder_problem}")
+            self._update()
 
     def _refuse(self, problem: str) -> None:
         self._unusable += 1

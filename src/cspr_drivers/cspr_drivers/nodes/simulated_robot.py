@@ -9,14 +9,19 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from cspr_drivers import clock
 from cspr_drivers.can_bus import open_ports
 from cspr_drivers.can_config import CanConfig
+from cspr_drivers.errors import DriverError
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
 from cspr_drivers.nodes.driver_node import load_config
 from cspr_drivers.nodes.load_cells import LoadCells
+from cspr_drivers.simulation.fault_injection import InjectedFault
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.shared_plant import PlantModel
 from cspr_drivers.simulation.simulation_config import SimulationConfig
@@ -69,7 +74,14 @@ class SimulatedRobot(Node):
         )
         simulation = SimulationConfig.from_yaml(path)
         eds_directory = Path(self.config.source).parent / "eds"
-        self._emulator = RobotEmulator(self.config, simulation, _plant(simulation), eds_directory)
+        bus_timing = declare(
+            self,
+            "bus_timing",
+            False,
+            "whether frames take as long as on a real bus, at the cost of some more computing time",
+            read_only=True,
+        )
+        self._emulator = RobotEmulator(self.config, simulation, _plant(simulation), eds_directory, bus_timing)
         try:
             self.ports = open_ports(self.config)
         except Exception:
@@ -80,6 +92,16 @@ class SimulatedRobot(Node):
         self._refused_payloads = 0
         self._slack: tuple[int, ...] = ()
         self._slack_events = 0
+        names = ", ".join(fault.value for fault in InjectedFault)
+        declare(
+            self,
+            "fault",
+            "",
+            f"what ~/inject_fault injects, and where: 'drive_silent motor_3' for example; faults: {names}",
+        )
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.create_service(Trigger, "~/inject_fault", self._inject_fault)
+        self.create_service(Trigger, "~/clear_faults", self._clear_faults)
         steady_timer(self, _PAYLOAD_PERIOD, self._watch)
         self._diagnostics = Diagnostics(self, self._report)
 
@@ -112,6 +134,35 @@ class SimulatedRobot(Node):
             return
         self._emulator.change_payload(payload, at=stamp * 1e-9 if stamp else None)
         self.get_logger().info(f"payload of {mass:g} kg accepted")
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == "fault" and parameter.value:
+                try:
+                    self._emulator.read_fault(parameter.value)
+                except DriverError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _inject_fault(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        text = self.get_parameter("fault").value
+        try:
+            order = self._emulator.read_fault(text)
+        except DriverError as error:
+            response.message = f"set the parameter fault first: {error}"
+            return response
+        self._emulator.inject(order)
+        response.success = True
+        response.message = f"{text}: {order.fault.meaning}"
+        self.get_logger().warning(f"fault injected: {response.message}")
+        return response
+
+    def _clear_faults(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._emulator.clear_faults()
+        response.success = True
+        response.message = "all injected faults are gone; what is latched stays latched"
+        self.get_logger().info(response.message)
+        return response
 
     def _report(self) -> list[DiagnosticStatus]:
         emulator = self._emulator

@@ -60,6 +60,9 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         Present NMT state.
     readers, writers
         Functions of the live objects, by index and subindex.
+    disconnected, pdos_missing, heartbeat_missing
+        Injected faults: the device is off the bus and neither hears nor is heard, it sends no TPDOs, or no
+        heartbeat.
     """
 
     def __init__(
@@ -71,6 +74,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
     ) -> None:
         super().__init__(node_id, str(eds))
         self.nmt_state = NmtState.BOOT_UP
+        self.disconnected = self.pdos_missing = self.heartbeat_missing = False
         self._machine = machine
         self._nameplate = dict(nameplate)
         self._errors = ErrorLog()
@@ -188,7 +192,12 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
 
     def _on_nmt(self, _can_id: int, data: bytearray, timestamp: float) -> None:
         with self._machine.lock:
-            if len(data) < 2 or data[0] not in _NMT_STATES or data[1] not in (0, self.id):
+            if (
+                self.disconnected
+                or len(data) < 2
+                or data[0] not in _NMT_STATES
+                or data[1] not in (0, self.id)
+            ):
                 return
             command = NmtCommand(data[0])
             time = self._machine.time_at(timestamp)
@@ -205,13 +214,15 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         self.nmt_state = state
 
     def _send(self, can_id: int, data: bytes) -> None:
+        if self.disconnected:
+            return
         # A device whose bus takes no frames loses them; it does not stop for that.
         with contextlib.suppress(can.CanError):
             self.network.send_message(can_id, data)
 
     def _on_sdo(self, can_id: int, data: bytearray, timestamp: float) -> None:
         with self._machine.lock:
-            if self.nmt_state is not NmtState.STOPPED and len(data) == 8:
+            if self.nmt_state is not NmtState.STOPPED and len(data) == 8 and not self.disconnected:
                 self._request_time = self._machine.time_at(timestamp)
                 self._machine.advance(self._request_time)
                 self.latch()
@@ -243,7 +254,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
 
     def _receive(self, can_id: int, data: bytearray, time: float) -> None:
         pdo = self._receive_pdos.get(can_id)
-        if pdo is None or self.nmt_state is not NmtState.OPERATIONAL:
+        if pdo is None or self.nmt_state is not NmtState.OPERATIONAL or self.disconnected:
             return
         try:
             values = pdo.receive(data, time)
@@ -279,7 +290,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
                 self._apply(receive, values, time)
 
     def _transmit(self, message: can.Message | None) -> None:
-        if message is None:
+        if message is None or self.disconnected or self.pdos_missing:
             return
         network = self.network
         try:
@@ -300,7 +311,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         supervise
             Whether silence of the master counts; not when the caller was held up, as frames may wait unread.
         """
-        if self._heartbeat.due(time):
+        if self._heartbeat.due(time) and not self.heartbeat_missing:
             self._send(cob_id(FunctionCode.HEARTBEAT, self.id), bytes([self.nmt_state]))
         if supervise:
             self._supervise(time)
@@ -333,6 +344,8 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             self.network.subscribe(FunctionCode.HEARTBEAT + self._master.node_id, self._on_heartbeat)
 
     def _on_heartbeat(self, _can_id: int, _data: bytearray, timestamp: float) -> None:
+        if self.disconnected:
+            return
         with self._machine.lock:
             self._master.received(self._machine.time_at(timestamp))
 

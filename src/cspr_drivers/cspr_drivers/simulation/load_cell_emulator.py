@@ -37,6 +37,11 @@ class LoadCellEmulator(EmulatedNode):
         Noise, gain errors and offsets of the load cells.
     seed
         Seed of the noise.
+
+    Attributes
+    ----------
+    stuck, saturated
+        Injected faults: the value stays what it was, or is at the end of the measuring range.
     """
 
     def __init__(
@@ -57,6 +62,9 @@ class LoadCellEmulator(EmulatedNode):
         self._offset = float(errors.offset[index])
         self._generator = np.random.default_rng((seed, index))
         self._noise: list[float] = []
+        self.stuck = self.saturated = False
+        self._drift_rate = 0.0  # N/s
+        self._drift_since = 0.0  # plant time, s
         self._input_offset = 0  # added to the process value, 9124h
         self._process_value = 0
         self._status = InputStatus.NOT_VALID
@@ -76,12 +84,21 @@ class LoadCellEmulator(EmulatedNode):
             (0x9124, 1): self._write_input_offset,
         }
 
+    def drift(self, rate: float) -> None:
+        """Let the zero of the cell drift from now on, N/s; 0 ends it and takes it back (an injected fault)."""
+        self._drift_rate = rate
+        self._drift_since = self._machine.time
+
     def latch(self) -> None:
         """Take the tension of the cable."""
+        if self.stuck:
+            return
         if not self._noise:
             self._noise = self._generator.normal(0.0, self._noise_std, _NOISE_BLOCK).tolist()
         shown = self._shown(self._noise.pop()) + self._input_offset
         low, high = self._span_start, self._span_end
+        if self.saturated:
+            shown = high + 1
         if shown > high:
             self._status = InputStatus.POSITIVE_OVERLOAD
         elif shown < low:
@@ -97,7 +114,8 @@ class LoadCellEmulator(EmulatedNode):
 
     def _shown(self, noise: float) -> int:
         tension = self._machine.measure().tensions[self._index]
-        return self._units.process_value(self._gain * tension + self._offset + noise)
+        drift = self._drift_rate * (self._machine.time - self._drift_since)
+        return self._units.process_value(self._gain * tension + self._offset + drift + noise)
 
     def _autozero(self, signature: int) -> None:
         if signature != AUTOZERO_SIGNATURE:

@@ -69,6 +69,7 @@ class Plant:
         self._applied_torque = np.zeros(m)
         self._damping = np.zeros(m)
         self._tensions = np.zeros(m)
+        self._brake_share = np.ones(m)
         self._pay_out = robot.winch.ratio  # m of cable per rad of the motor
         exits = [self._model.site(f"exit_{i}").id for i in range(m)]
         platform = int(self._model.joint("platform").qposadr[0])
@@ -146,8 +147,16 @@ class Plant:
 
     def set_brake(self, index: int, closed: bool) -> None:
         """Close or open the holding brake of a motor."""
-        held = self._config.brake.holding_torque if closed else 0.0
+        held = self._brake_share[index] * self._config.brake.holding_torque if closed else 0.0
         self._model.dof_frictionloss[self._shaft.start + index] = self._friction[index] + held
+
+    def weaken_brake(self, index: int, share: float) -> None:
+        """Let the brake of a motor hold a share of its torque from the next closing on; 1 repairs it."""
+        self._brake_share[index] = share
+
+    def slip_cable(self, index: int, length: float) -> None:
+        """Let a cable slip on its drum: so much more of it, m, is paid out at the same motor angle."""
+        self._free_lengths_at_home[index] += length
 
     def motor_angles(self) -> FloatArray:
         """Angles of the motor shafts, rad. (m,)."""

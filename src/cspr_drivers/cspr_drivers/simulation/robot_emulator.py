@@ -19,9 +19,11 @@ from cspr_drivers.errors import BusError, ConfigurationError, DriverError
 from cspr_drivers.frame_table import SYNC_COB_ID
 from cspr_drivers.simulation.drive_emulator import DriveEmulator
 from cspr_drivers.simulation.emulated_node import EmulatedNode
+from cspr_drivers.simulation.fault_injection import FaultInjector, FaultOrder
 from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
 from cspr_drivers.simulation.shared_plant import PlantModel, SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_drivers.simulation.timed_bus import TimedBus
 from cspr_kinematics import Payload
 
 DRIVE_EDS = "cia402_drive.eds"
@@ -57,6 +59,8 @@ class RobotEmulator:
         The machine's model, at its time 0.
     eds_directory
         Directory of the EDS files `cia402_drive.eds` and `cia404_load_cell.eds`.
+    bus_timing
+        Whether frames on virtual buses take as long as on copper, see `TimedBus`.
 
     Attributes
     ----------
@@ -76,7 +80,12 @@ class RobotEmulator:
     """
 
     def __init__(
-        self, can_config: CanConfig, simulation: SimulationConfig, plant: PlantModel, eds_directory: Path
+        self,
+        can_config: CanConfig,
+        simulation: SimulationConfig,
+        plant: PlantModel,
+        eds_directory: Path,
+        bus_timing: bool = False,
     ) -> None:
         count = simulation.robot.number_of_cables
         for key, devices in (("drives", can_config.drives), ("load_cells", can_config.load_cells)):
@@ -117,6 +126,7 @@ class RobotEmulator:
         self.machine.inputs_at_once = 2 * len(self.drives)
         self._nodes: tuple[EmulatedNode, ...] = (*self.drives, *self.load_cells)
         self._networks: list[canopen.Network] = []
+        buses: dict[str, TimedBus] = {}
         self.missed_syncs = 0
         self._last_tick = 0.0
         self._stopping = threading.Event()
@@ -130,7 +140,10 @@ class RobotEmulator:
                 network = canopen.Network(open_bus(bus))
                 self._networks.append(network)
                 if isinstance(network.bus, QuickVirtualBus):
-                    network.bus.deliver_to(partial(self._deliver, network))
+                    network.bus = TimedBus(
+                        network.bus, bus.bitrate, partial(self._deliver, network), bus_timing
+                    )
+                    buses[bus.name] = network.bus
                 else:
                     network.NOTIFIER_CYCLE = _LONGEST_CLOSING
                     network.connect()
@@ -143,6 +156,7 @@ class RobotEmulator:
         except BusError:
             self.close()
             raise
+        self._injector = FaultInjector(self.drives, self.load_cells, self.machine, buses)
         for node in self._nodes:
             node.power_on()
         self._ticker.start()
@@ -198,6 +212,18 @@ class RobotEmulator:
         with self.machine.lock:
             time = self.machine.now() if at is None else self.machine.from_system_time(at)
             self.machine.change_payload(payload, time)
+
+    def read_fault(self, text: str) -> FaultOrder:
+        """Return what a text such as ``drive_silent motor_3`` orders; see `FaultInjector.read`."""
+        return self._injector.read(text)
+
+    def inject(self, order: FaultOrder) -> None:
+        """Let a fault happen now; see `InjectedFault` for what there is."""
+        self._injector.inject(order)
+
+    def clear_faults(self) -> None:
+        """Repair all that was injected; what is latched stays latched."""
+        self._injector.clear()
 
     def slack_cables(self) -> tuple[int, ...]:
         """Return the numbers, from 0, of the cables that had no tension when the devices last measured."""

@@ -66,6 +66,14 @@ class PlantModel(Protocol):
         """Close or open the brake of a motor."""
         ...
 
+    def weaken_brake(self, index: int, share: float) -> None:
+        """Let the brake of a motor hold a share of its torque from the next closing on."""
+        ...
+
+    def slip_cable(self, index: int, length: float) -> None:
+        """Let so much more of a cable, m, be paid out at the same motor angle."""
+        ...
+
     def motor_angles(self) -> FloatArray:
         """Angles, rad. (m,)."""
         ...

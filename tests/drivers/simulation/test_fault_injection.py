@@ -1,0 +1,138 @@
+import pytest
+
+from cspr_drivers.can_config import CanConfig
+from cspr_drivers.errors import DriverError
+from cspr_drivers.simulation.bus_timing import BusDisturbance
+from cspr_drivers.simulation.fault_injection import FaultInjector, FaultOrder, FaultTarget, InjectedFault
+
+
+class NotedBus:
+    def __init__(self):
+        self.disturbance = BusDisturbance.NONE
+
+    def disturb(self, disturbance):
+        self.disturbance = disturbance
+
+
+@pytest.fixture
+def bus():
+    return NotedBus()
+
+
+@pytest.fixture
+def injector(desk, load_cell_desk, bus):
+    """Return an injector for one drive, and for the load cell of another desk."""
+    return FaultInjector((desk.drive,), (load_cell_desk().cell,), desk.machine, {"main": bus})
+
+
+@pytest.mark.parametrize("fault", list(InjectedFault))
+def test_every_fault_is_known_by_its_name_and_its_target(injector, fault):
+    place, expected = {
+        FaultTarget.MOTOR: (" motor_1", 0),
+        FaultTarget.CABLE: (" cable_1", 0),
+        FaultTarget.BUS: (" main", "main"),
+        FaultTarget.ROBOT: ("", 0),
+    }[fault.target]
+    assert injector.read(fault.value + place) == FaultOrder(fault, expected)
+    assert fault.meaning
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "there is no fault ''; there are drive_silent, "),
+        ("drive_silnt motor_1", "there is no fault 'drive_silnt'"),
+        ("drive_silent", "there is no '' to have it; say 'drive_silent PLACE' with one of motor_1"),
+        ("drive_silent motor_2", "there is no 'motor_2'"),
+        ("load_cell_stuck motor_1", "one of cable_1"),
+        ("bus_cut can0", "one of main"),
+    ],
+)
+def test_orders_that_cannot_be_read(injector, text, says):
+    with pytest.raises(DriverError) as caught:
+        injector.read(text)
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("fault", "attribute"),
+    [
+        (InjectedFault.DRIVE_SILENT, "disconnected"),
+        (InjectedFault.DRIVE_NO_FEEDBACK, "pdos_missing"),
+        (InjectedFault.DRIVE_NO_HEARTBEAT, "heartbeat_missing"),
+        (InjectedFault.DRIVE_WRONG_MODE, "mode_is_lost"),
+        (InjectedFault.DRIVE_EMERGENCY, "warning"),
+        (InjectedFault.WINCH_BLOCKED, "blocked"),
+        (InjectedFault.EMERGENCY_STOP, "emergency_stop"),
+    ],
+)
+def test_clear_takes_a_fault_back(injector, desk, fault, attribute):
+    injector.inject(FaultOrder(fault))
+    assert getattr(desk.drive, attribute) is True
+    injector.clear()
+    assert getattr(desk.drive, attribute) is False
+
+
+def test_missing_feedback_and_heartbeat(injector, desk):
+    assert desk.write(0x1017, 0, 10, 2) == 0
+    desk.wire.frames.clear()
+    injector.inject(FaultOrder(InjectedFault.DRIVE_NO_FEEDBACK))
+    desk.sync()
+    desk.wait(0.05)
+    assert desk.frames(desk.TPDO) == []
+    assert desk.frames(0x700 + 5)
+    injector.clear()
+    injector.inject(FaultOrder(InjectedFault.DRIVE_NO_HEARTBEAT))
+    desk.sync()
+    desk.wait(0.05)
+    assert len(desk.frames(desk.TPDO)) == 1
+    assert desk.frames(0x700 + 5) == []
+
+
+def test_blocked_winch_holds_though_the_drive_says_otherwise(injector, desk):
+    desk.enable(torque=-220)
+    injector.inject(FaultOrder(InjectedFault.WINCH_BLOCKED))
+    assert desk.plant.brake_closed[0]
+    assert desk.status() & 1 << 14
+    injector.clear()
+    assert not desk.plant.brake_closed[0]
+
+
+def test_emergency_without_fault(injector, desk):
+    desk.enable(torque=-220)
+    injector.inject(FaultOrder(InjectedFault.DRIVE_EMERGENCY))
+    assert desk.emergencies() == [0x3220]
+    assert desk.status() & 0xFF == 0xB7  # operation enabled, voltage, warning
+    injector.clear()
+    assert desk.emergencies() == [0]
+
+
+def test_weak_brake_and_slipping_cable(injector, desk):
+    injector.inject(FaultOrder(InjectedFault.BRAKE_WEAK))
+    injector.inject(FaultOrder(InjectedFault.CABLE_SLACK))
+    assert desk.plant.brake_share[0] < 0.1
+    assert desk.plant.slipped[0] == pytest.approx(0.05)
+    injector.clear()
+    assert desk.plant.brake_share[0] == 1.0
+    assert desk.plant.slipped[0] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("fault", [f for f in InjectedFault if f.target is FaultTarget.BUS])
+def test_faults_of_a_bus(injector, bus, fault):
+    injector.inject(FaultOrder(fault, "main"))
+    assert bus.disturbance.name == fault.value.removeprefix("bus_").upper()
+    injector.clear()
+    assert bus.disturbance is BusDisturbance.NONE
+
+
+def test_drives_accept_what_the_driver_writes(repository, drive_desk):
+    """Every object that the driver sets stands in the EDS file, and may have the value."""
+    from cspr_drivers.device_parameters import drive_settings
+
+    config = CanConfig.from_yaml(repository / "config" / "can.yaml")
+    desk = drive_desk()
+    for setting in drive_settings(config, config.drives[4]):
+        for parameter in setting.writes:
+            size = parameter.bits // 8
+            code = desk.write(parameter.index, parameter.subindex, parameter.value, size, parameter.signed)
+            assert code == 0, f"{parameter} = {parameter.value}: abort code 0x{code:08X}"
