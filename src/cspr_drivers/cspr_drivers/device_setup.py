@@ -85,8 +85,24 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     return DriveFacts(current, unit, _emergency_stop(device, config), len(wrong))
 
 
-def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> int:
-    """Do the same for an amplifier; return how many settings had to be written.
+@dataclass(frozen=True)
+class LoadCellFacts:
+    """What an amplifier says about itself when it is taken in.
+
+    Attributes
+    ----------
+    span
+        Process values between which it measures (9148h, 9149h), both `None` when it does not say.
+    written
+        Settings that had to be written, 0 when it was configured already.
+    """
+
+    span: tuple[int | None, int | None]
+    written: int
+
+
+def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> LoadCellFacts:
+    """Do the same for an amplifier.
 
     Raises
     ------
@@ -99,8 +115,13 @@ def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellCon
     if wrong:
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.set(wrong)
+    ends = [
+        Parameter(0x9148, 1, 32, 0, "AI span start", signed=True),
+        Parameter(0x9149, 1, 32, 0, "AI span end", signed=True),
+    ]
+    low, high = map(device.read_if_present, ends)
     _start(device)
-    return len(wrong)
+    return LoadCellFacts((low, high), len(wrong))
 
 
 def _identify(device: CanopenDevice, identity: Identity | None) -> None:

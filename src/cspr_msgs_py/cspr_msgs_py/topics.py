@@ -171,6 +171,14 @@ RECORDER_STATE = _latched(
     "recorder",
     "message = state of the recording: recording, paused, failed; values: bag, cause",
 )
+LOAD_CELL_STATES = _latched(
+    "/load_cell_states",
+    DIAGNOSTIC_ARRAY,
+    Rate.ON_CHANGE,
+    "load_cells",
+    "also once a second: first the driver as a whole (message: ok or fault; values: cause), then one status a cable: "
+    "message = ok, or what is wrong with its load cell",
+)
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
 EVENTS = _reliable(
     "/events",
@@ -232,6 +240,7 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         TRAJECTORY_STATE,
         DRIVE_STATES,
         RECORDER_STATE,
+        LOAD_CELL_STATES,
         DIAGNOSTICS,
         EVENTS,
         SIMULATED_PAYLOAD,
