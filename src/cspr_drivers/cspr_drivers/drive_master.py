@@ -23,7 +23,7 @@ from cspr_drivers.drive_group import IN_MOTION, DriveGroup, GroupState
 from cspr_drivers.drive_report import DriveReport, MotorStates
 from cspr_drivers.drive_status import DriveStatus
 from cspr_drivers.emergency import Emergency
-from cspr_drivers.errors import BusError, DeviceError
+from cspr_drivers.errors import BusError, ConfigurationError, DeviceError
 from cspr_drivers.frame_table import (
     POSITION_ACTUAL,
     STATUS_WORD,
@@ -31,6 +31,7 @@ from cspr_drivers.frame_table import (
     FunctionCode,
     cob_id,
 )
+from cspr_drivers.home_position import store_home, with_home
 from cspr_drivers.motor_speed import PositionDifference
 from cspr_drivers.torque_frames import torque_frames
 
@@ -239,6 +240,42 @@ class DriveMaster:
         """Begin to reset faults and the latched cause, or the fault of one drive; return why not when refused."""
         with self._lock:
             return self._group.fault_reset(clock.monotonic(), index)
+
+    def set_home(self) -> str | None:
+        """Take the present pose as the home pose and store it in the configuration file; return why not.
+
+        The encoders go on counting as they do: the position value at which the motor angle is zero changes. Only at
+        rest, for a controller would take the jump of the angle for motion.
+        """
+        with self._lock:
+            now = clock.monotonic()
+            if self._group.state in IN_MOTION:
+                return f"the drives are {self._group.state.value}: disable them first"
+            for index, drive in enumerate(self._group.drives):
+                if (
+                    drive.state is None
+                    or self._group.feedback_age(index, now) > self._config.timeouts.feedback
+                ):
+                    return f"{drive.name} does not report its position"
+                if not drive.held:
+                    return f"the brake of {drive.name} is open"
+            counts = [
+                drive.units.counts(angle)
+                for drive, angle in zip(self._config.drives, self._angles, strict=True)
+            ]
+            try:
+                store_home(self._config, counts)
+            except ConfigurationError as error:
+                return str(error)
+            self._config = with_home(self._config, counts)
+            if self._speed is not None:
+                self._speed.clear()
+            return None
+
+    @property
+    def config(self) -> CanConfig:
+        """The configuration in use."""
+        return self._config
 
     def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
         """Return state and cause of the group, and the state of each drive."""
