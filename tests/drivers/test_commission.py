@@ -437,7 +437,10 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
     assert main(arguments) == 0
     assert "scale: 1.25, offset: 0.5" in rig.path.read_text()
     assert CanConfig.from_yaml(rig.path).drives[0].node_id == 3
-    # a second walk has no findings to go on with, and nobody to say which winch turns
+    # the machine is the one that the file describes now: there is nothing to be done, unless that is wanted
+    assert main(arguments) == 0
+    assert "nothing changes: the machine is what the file says" in capsys.readouterr().out
+    answers.write_text("keep: no\n")
     assert main(arguments) == 1
     assert (
         "winch.node-1 is missing:    Which winch has turned? (1/2/3/4/5/6/7/8/again)"

@@ -6,11 +6,13 @@ the operator where the one before has left a fault. What is on the wire is what 
 
 import contextlib
 import copy
+import itertools
 import os
 import re
 import shutil
 import signal
 import socket
+import statistics
 import struct
 import subprocess
 import sys
@@ -119,13 +121,12 @@ class Candump:
 class Process:
     """One executable of the product, its log in a file."""
 
-    def __init__(self, name, module, parameters, directory):
+    def __init__(self, name, module, arguments, directory):
         self.name = name
         self.log = directory / f"{name}.log"
-        arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
         with self.log.open("w") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", module, "--ros-args", *arguments],
+                [sys.executable, "-m", module, "--ros-args", *map(str, arguments)],
                 cwd=ROOT,
                 env=os.environ | {"PYTHONUNBUFFERED": "1"},
                 stdout=log,
@@ -172,6 +173,7 @@ class Probe:
         self._executor.add_node(self.node)
         self._lock = threading.Lock()
         self.answers = True
+        self.override = None  # torque, N m, that motor 3 is commanded instead
         self.state = None
         self.tensions = None
         self.drives = {}
@@ -205,6 +207,8 @@ class Probe:
             self._anchor = state.position.copy()
             self._holding = -0.05 / 30.0 * self.tensions  # drum radius over gear ratio
         torque = self._holding - KP * (state.position - self._anchor) - KD * state.velocity
+        if self.override is not None:
+            torque[2] = self.override
         for codec, publisher, effort in zip(self._codecs, self._commands, torque, strict=True):
             publisher.publish(codec.encode(state.stamp_ns, effort=[effort]))
 
@@ -279,13 +283,13 @@ class Bench:
         self.robot = Process(
             "emulated_robot",
             "cspr_drivers.nodes.emulated_robot",
-            {"can_config": self.config, "simulation_config": ROOT / "config" / "simulation.yaml"},
+            ["-p", f"can_config:={self.config}", "-p", f"simulation_config:={ROOT}/config/simulation.yaml"],
             self.directory,
         )
 
     def start_drivers(self):
         self.drivers = Process(
-            "drivers", "cspr_drivers.nodes.drivers", {"can_config": self.config}, self.directory
+            "drivers", "cspr_drivers.nodes.drivers", ["-p", f"can_config:={self.config}"], self.directory
         )
 
     def ready(self):
@@ -335,7 +339,8 @@ class Bench:
         while time.monotonic() < stays:
             assert self.probe.brakes_open == 0, "a brake opened by itself"
             time.sleep(0.05)
-        assert not self.probe.call("/can_drives/enable").success, "enabled with a latched fault"
+        if self.probe.group[0] == "fault":
+            assert not self.probe.call("/can_drives/enable").success, "enabled with a latched fault"
         self.recover()
         self.enable()
         # motor angles in rad: 1 rad is 1.7 mm of cable
@@ -413,6 +418,40 @@ class RawSocket:
         self._socket.close()
 
 
+class WireReport:
+    """Round trip and losses of a stretch of the log: from each SYNC to the last torque before the next one."""
+
+    def __init__(self, frames):
+        trips, lost_states, lost_tensions, self.commands, self.cycles = [], 0, 0, 0, 0
+        for channel, drives, cells in (
+            ("vcan0", range(1, 5), range(11, 15)),
+            ("vcan1", range(5, 9), range(15, 19)),
+        ):
+            here = [frame for frame in frames if frame.channel == channel]
+            starts = [place for place, frame in enumerate(here) if frame.identifier == 0x080]
+            for first, last in itertools.pairwise(starts):
+                cycle = here[first:last]
+                seen = {frame.identifier for frame in cycle}
+                lost_states += sum(0x180 + node not in seen for node in drives)
+                lost_tensions += sum(0x180 + node not in seen for node in cells)
+                torques = [frame.time for frame in cycle if 0x201 <= frame.identifier <= 0x208]
+                self.commands += len(torques)
+                self.cycles += 1
+                if len(torques) >= len(drives):
+                    trips.append(torques[-1] - cycle[0].time)
+        self._trips = sorted(trips)
+        self._lost = (lost_states, lost_tensions)
+
+    def __str__(self):
+        trips = self._trips or [float("nan")]
+        return (
+            f"{self.cycles} cycles: SYNC to the last torque {1e3 * statistics.median(trips):.1f} ms median, "
+            f"{1e3 * trips[-1]:.1f} ms maximum; lost: {self._lost[0]} of {4 * self.cycles} states, "
+            f"{self._lost[1]} of {4 * self.cycles} tensions, {4 * self.cycles - self.commands} of "
+            f"{4 * self.cycles} torques"
+        )
+
+
 @pytest.fixture(scope="session", autouse=True)
 def domain():
     """A ROS domain of its own, on this machine alone."""
@@ -453,3 +492,33 @@ def raw():
     yield open_raw
     for each in sockets:
         each.close()
+
+
+@pytest.fixture
+def executable(bench):
+    """Start one more executable of the product; the test ends it."""
+
+    def start(name, module, *arguments):
+        process = Process(name, module, arguments, bench.directory)
+        process.wait_until_ready()
+        return process
+
+    return start
+
+
+@pytest.fixture
+def root():
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture
+def rate():
+    """Cycles a second, Hz."""
+    return RATE
+
+
+@pytest.fixture
+def wire_report():
+    """Make a report of a stretch of candump's log."""
+    return WireReport

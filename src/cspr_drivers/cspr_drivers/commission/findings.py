@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cspr_drivers.can_config import CanConfig
 from cspr_drivers.commission.found_devices import FoundDevice
 from cspr_drivers.errors import ConfigurationError
 from cspr_drivers.identity import Identity
@@ -87,6 +88,30 @@ class Findings:
             if cell.device not in found:
                 gone.append(self.cells.pop(place).device)
         return gone
+
+
+def commissioned(config: CanConfig, present: Iterable[FoundDevice]) -> Findings:
+    """Return what a configuration says of those devices that are on the bus, where it has them, and the same ones."""
+    found = {(device.bus, device.node_id): device for device in present}
+    findings = Findings()
+    for place, drive in enumerate(config.drives, start=1):
+        device = found.get((drive.bus, drive.node_id))
+        if device is not None and device.identity == drive.identity:
+            units = drive.units
+            findings.winches[place] = WinchFindings(
+                device,
+                units.encoder_increments,
+                units.rated_torque,
+                units.polarity,
+                scale_checked=True,
+                brake_holds=True,
+                home_counts=units.home_counts,
+            )
+    for place, cell in enumerate(config.load_cells, start=1):
+        device = found.get((cell.bus, cell.node_id))
+        if device is not None and device.identity == cell.identity:
+            findings.cells[place] = CellFindings(device, True, cell.units.scale, cell.units.offset)
+    return findings
 
 
 class FindingsFile:

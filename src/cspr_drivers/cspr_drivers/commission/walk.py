@@ -11,7 +11,7 @@ from cspr_drivers.can_bus import CanPorts
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.canopen_device import CanopenDevice
 from cspr_drivers.commission.calibration import CalibrationError, calibrate
-from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings
+from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings, commissioned
 from cspr_drivers.commission.found_devices import FoundDevice, scan
 from cspr_drivers.commission.load_cell import SingleLoadCell
 from cspr_drivers.commission.operator import Questions, WalkStoppedError
@@ -107,6 +107,7 @@ class Walk:
             self._ask.tell(f"   {device}")
         for device in self._findings.forget_missing(self._present):
             self._ask.tell(f"   not there any more, what was known of it is forgotten: {device}")
+        self._keep_commissioned()
         self._save(self._findings)
         wanted = len(self._places)
         for profile, kind in ((cia402.DEVICE_PROFILE, "drives"), (cia404.DEVICE_PROFILE, "load cells")):
@@ -116,6 +117,21 @@ class Walk:
                     f"{count} {kind} answer, {wanted} are in {config.source}: check supply, termination, bit rate and "
                     "node ids; two devices of the same node id answer as one"
                 )
+
+    def _keep_commissioned(self) -> None:
+        """Take over what the present file says of devices that it has and that are still the same."""
+        said = commissioned(self._config, self._present)
+        winches = {k: v for k, v in said.winches.items() if k not in self._findings.winches}
+        cells = {k: v for k, v in said.cells.items() if k not in self._findings.cells}
+        if not winches and not cells:
+            return
+        names = [*(f"winch {place}" for place in winches), *(f"cell {place}" for place in cells)]
+        if self._ask.yes(
+            "keep",
+            f"   {', '.join(names)}: the very devices of {self._config.source}. Keep what it says of them?",
+        ):
+            self._findings.winches |= winches
+            self._findings.cells |= cells
 
     # 2
 
