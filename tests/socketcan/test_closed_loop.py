@@ -10,6 +10,7 @@ from cspr_msgs_py.nodes.process import subscribe, subscribe_raw
 from cspr_msgs_py.topics import ROBOT_STATE, SETPOINT, motor_names
 
 DURATION = 30.0  # s
+RATE = 25.0  # Hz; a real machine runs at ten times as much
 # Gains for the slower cycle: kd stays below 2 J / T, see config/control.yaml.
 GAINS = {"kp": 0.3, "kd": 0.03}
 PATIENT = {"motor_states": 1.0, "setpoint": 1.0, "cable_tensions": 1.0, "platform_pose": 1.0}  # s

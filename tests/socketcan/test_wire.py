@@ -52,7 +52,7 @@ def test_a_drive_is_set_up_in_the_order_of_the_standard(bench):
 def test_a_cycle_on_both_buses(bench):
     bench.enable()
     begin = time.time()
-    time.sleep(2.0)
+    time.sleep(3.0)
     end = time.time()
     bench.disable()
     frames = between(bench.wire.frames(), begin, end)

@@ -31,9 +31,18 @@ EXECUTABLES = {
     "emulated_robot": ("cspr_drivers", ["simulated_robot"], ["-p", "can_config:=virtual_can.yaml"]),
 }
 
-PROGRAMS = {  # what ends by itself, and words that its --help must have
-    "demo": ("--controller", "--exact-mass", "--compare", "--add-payload", "--realtime", "examples:"),
-    "workspace": ("--robot", "--payload"),
+PROGRAMS = {  # what ends by itself: package, and words that its --help must have
+    "demo": (
+        "cspr_control",
+        "--controller",
+        "--exact-mass",
+        "--compare",
+        "--add-payload",
+        "--realtime",
+        "examples:",
+    ),
+    "workspace": ("cspr_control", "--robot", "--payload"),
+    "commission": ("cspr_drivers", "--config", "--answers", "--torque", "examples:"),
 }
 
 
@@ -125,11 +134,12 @@ def test_executable_names_itself_and_stops(workspace: Path, tmp_path: Path, name
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_program_teaches(workspace: Path, name: str) -> None:
-    program = workspace / "install" / "cspr_control" / "lib" / "cspr_control" / name
+    package, *words = PROGRAMS[name]
+    program = workspace / "install" / package / "lib" / package / name
     done = subprocess.run(
         [str(program), "--help"], cwd=workspace, env=environment(workspace), capture_output=True, text=True,
         timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    for word in PROGRAMS[name]:
+    for word in words:
         assert word in done.stdout
