@@ -45,7 +45,7 @@ from cspr_msgs_py.topics import (
 ROOT = Path(__file__).parents[2]
 CHANNELS = ("vcan0", "vcan1")
 MOTORS = 8
-PATIENCE = 120.0  # s; a generous limit for what takes seconds on a quiet machine
+PATIENCE = 300.0  # s; a generous limit for what takes seconds on a quiet machine
 
 # One virtual CPU of a slow machine runs drivers, devices, plant and test: a slower cycle, and watchdogs to match.
 # A freeze of 1 s is longer than what the drives tolerate.
@@ -123,12 +123,12 @@ class Candump:
 class Process:
     """One executable of the product, its log in a file."""
 
-    def __init__(self, name, module, arguments, directory):
+    def __init__(self, name, module, arguments, directory, ros=True):
         self.name = name
         self.log = directory / f"{name}.log"
         with self.log.open("w") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", module, "--ros-args", *map(str, arguments)],
+                [sys.executable, "-m", module, *(["--ros-args"] if ros else []), *map(str, arguments)],
                 cwd=ROOT,
                 env=os.environ | {"PYTHONUNBUFFERED": "1"},
                 stdout=log,
@@ -501,9 +501,10 @@ def raw():
 def executable(bench):
     """Start one more executable of the product; the test ends it."""
 
-    def start(name, module, *arguments):
-        process = Process(name, module, arguments, bench.directory)
-        process.wait_until_ready()
+    def start(name, module, *arguments, ros=True):
+        process = Process(name, module, arguments, bench.directory, ros)
+        if ros:
+            process.wait_until_ready()
         return process
 
     return start
