@@ -223,6 +223,10 @@ class Probe:
     def _note_health(self, message):
         self.health.update(from_diagnostic_array(message))
 
+    def forget_drives(self):
+        """Forget what drivers that are gone have said, and wait for the present ones to say something."""
+        self.drives = {}
+
     def begin_here(self):
         """Hold the platform where it is from now on."""
         self._anchor = None
@@ -302,6 +306,8 @@ class Bench:
             self.robot.wait_until_ready()
         if self.drivers is None or not self.drivers.running:
             self.start_drivers()
+            self.drivers.wait_until_ready()
+            self.probe.forget_drives()
         self.probe.answers = True
         wait_for(
             lambda: self.probe.group[0] in ("disabled", "fault"), self.explain("the drives are not ready")
