@@ -29,6 +29,7 @@ EXECUTABLES = {
     "load_cells": ("cspr_drivers", ["load_cells"], ["-p", "can_config:=virtual_can.yaml"]),
     "drivers": ("cspr_drivers", ["can_drives", "load_cells"], ["-p", "can_config:=virtual_can.yaml"]),
     "simulated_robot": ("cspr_drivers", ["simulated_robot", "can_drives", "load_cells"], []),
+    "emulated_robot": ("cspr_drivers", ["simulated_robot"], ["-p", "can_config:=virtual_can.yaml"]),
 }
 
 PROGRAMS = {  # what ends by itself, and words that its --help must have
@@ -38,6 +39,7 @@ PROGRAMS = {  # what ends by itself, and words that its --help must have
     "rerun": ("BAG", "--set", "--payload", "examples:"),
     "recover": ("--output", "examples:"),
     "replay": ("--rate", "--loop", "--start", "--topics", "examples:"),
+    "commission": ("--config", "--answers", "--torque", "examples:"),
 }
 
 

@@ -72,6 +72,7 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     DeviceError
         If it does not answer, refuses something, or has another scale than configured.
     """
+    device.leave_stopped()
     device.identify((drive_type(),))
     _identify(device, drive.identity)
     device.check(drive_scale(drive))
@@ -115,6 +116,7 @@ def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellCon
     WrongDeviceError, DeviceError
         As `set_up_drive`.
     """
+    device.leave_stopped()
     device.identify((load_cell_type(),))
     _identify(device, cell.identity)
     wrong = _differing(device, load_cell_settings(config, cell), unused_load_cell_pdos())
