@@ -106,6 +106,8 @@ def format_runs(runs: Sequence[RunAnalysis]) -> str:
 def _short(value: float) -> str:
     if not math.isfinite(value):
         return NOT_KNOWN
+    if abs(value) < 1e-9:  # nothing but rounding
+        return "0"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
@@ -151,7 +153,7 @@ def _margin(margin: Margin | None, part: str) -> str:
     if margin is None:
         return NOT_KNOWN
     where = f" ({margin.index})" if part else ""
-    return f"{margin.margin:.3g}{where}"
+    return f"{_short(margin.margin)}{where}"
 
 
 def _cycle_rows(metrics: Sequence[RunMetrics]) -> list[tuple[str, list[str]]]:

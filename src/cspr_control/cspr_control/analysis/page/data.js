@@ -57,5 +57,6 @@ function niceNumber(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   if (size >= 1000) return value.toFixed(0);
+  if (size < 1e-9) return "0"; // nothing but rounding
   return String(Number(value.toPrecision(digits)));
 }

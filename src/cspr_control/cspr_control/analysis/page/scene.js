@@ -254,7 +254,7 @@ class Scene {
   // The payload hangs below the platform as a cube of steel plates of its mass, loosely packed.
   load(c, pose, t) {
     const block = this.run.blocks.truth || this.run.blocks.estimate;
-    const mass = block ? valueAt(block, 0, Math.min(t, block.time[block.time.length - 1])) : NaN;
+    const mass = block ? block.columns[0][Math.max(0, indexAt(block.time, t))] : NaN;
     this.mass = mass;
     if (!(mass > 1)) return;
     const side = Math.cbrt(mass / 4000);
