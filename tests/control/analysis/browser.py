@@ -108,7 +108,8 @@ class Browser:
         """Load a file and wait until the report has drawn itself, or has failed to."""
         self.call("Page.navigate", url=path.resolve().as_uri())
         self.wait(
-            "document.body && (document.body.dataset.ready || !document.getElementById('failure').hidden)"
+            "document.readyState === 'complete' && "
+            "(document.body.dataset.ready || document.getElementById('failure')?.hidden === false)"
         )
 
     def evaluate(self, expression: str) -> Any:
