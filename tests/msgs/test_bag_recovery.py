@@ -10,6 +10,7 @@ from rosbags.rosbag2 import Reader
 from cspr_msgs_py.bag_reader import Bag
 from cspr_msgs_py.bag_recovery import recover
 from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.topics import MOTOR_STATES
 
 
 def whole(directory: Path) -> Bag:
@@ -33,7 +34,7 @@ def test_what_a_killed_recorder_left(recording, tmp_path: Path) -> None:
         assert bag.attachments == {"config/robot.yaml": b"name: x\n"}
         assert bag.metadata["recording"] == {"host": "here"}
         assert "was cut off" in bag.metadata["recovery"]["loss 1"]
-        assert bag.offered_qos("/motor_states")[0].depth == 5
+        assert bag.offered_qos("/motor_states")[0].depth == MOTOR_STATES.depth
     with Reader(tmp_path / "new") as reader:
         assert reader.message_count == recording.number * 11 // 10
 

@@ -108,6 +108,7 @@ class McapFile:
         self.regions: list[Region] = []
         self.damage: str | None = None
         self.missing: Counter[int] = Counter()
+        self._zstd = zstandard.ZstdDecompressor()  # making one costs as much as a small chunk
         self._map = _open(path)
         self._data = memoryview(self._map)
         try:
@@ -311,12 +312,22 @@ class McapFile:
             _, _, size, checksum, named = _CHUNK.unpack_from(content)
             name = bytes(content[_CHUNK.size : _CHUNK.size + named]).decode("ascii")
             data = content[_CHUNK.size + named + 8 :]
-            records = _decompress(name, data, size)
+            records = self._decompress(name, data, size)
         except Exception as error:  # each decompressor reports damage with a class of its own
             raise _DamageError(str(error)) from error
         if len(records) != size or (checksum and zlib.crc32(records) != checksum):
             raise _DamageError("its checksum is wrong")
         return np.frombuffer(records, np.uint8)
+
+    def _decompress(self, name: str, data: memoryview, size: int) -> bytes | memoryview:
+        if name == "zstd":
+            return self._zstd.decompress(data, max_output_size=size)
+        if name == "lz4":
+            records: bytes = lz4.frame.decompress(data)
+            return records
+        if name:
+            raise ValueError(f"it is compressed by {name!r}, which is not known here")
+        return data
 
     def _describe(self, gaps: list[tuple[int, int]], end: int | None) -> str:
         size, number = len(self._data), self.counts.total()
@@ -341,14 +352,3 @@ def _open(path: Path) -> mmap.mmap:
         raise BagError(f"cannot open {path}: {error.strerror}") from error
     except ValueError as error:  # what has no bytes cannot be mapped
         raise BagError(f"{path} is empty: nothing was recorded") from error
-
-
-def _decompress(name: str, data: memoryview, size: int) -> bytes | memoryview:
-    if name == "zstd":
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    if name == "lz4":
-        records: bytes = lz4.frame.decompress(data)
-        return records
-    if name:
-        raise ValueError(f"it is compressed by {name!r}, which is not known here")
-    return data
