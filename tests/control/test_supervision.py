@@ -379,6 +379,23 @@ def test_a_recording_that_fails_stops_the_robot_once(rig):
     assert rig.step(1.0) == []
 
 
+def test_a_load_cell_that_its_driver_finds_faulty_stops_the_robot_along_its_path(rig):
+    rig.enabled()
+    rig.supervisor.observe_load_cells("cable_3: silent")
+    rig.assert_controlled_stop(rig.step(), FaultKind.LOAD_CELL, "cable_3: silent")
+
+
+def test_a_faulty_load_cell_keeps_the_robot_from_being_enabled(rig):
+    rig.step()
+    rig.supervisor.observe_load_cells("cable_3: not valid")
+    decision = rig.supervisor.enable(rig.time)
+    assert not decision.accepted
+    assert "load cells: cable_3: not valid" in decision.message
+    rig.supervisor.observe_load_cells("")
+    rig.enabled()
+    assert rig.step(1.0) == []
+
+
 def test_a_recording_that_failed_before_enabling_stops_nothing(rig):
     rig.supervisor.observe_recording("no space left on device")
     rig.enabled()

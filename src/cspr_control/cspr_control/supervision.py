@@ -108,6 +108,7 @@ class Supervisor:
         self._disabling = False
         self._resetting = False
         self._recording_problem = ""  # news of it, not yet judged
+        self._load_cell_problem = ""
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
 
@@ -117,6 +118,8 @@ class Supervisor:
             latched = f" by {self.fault}; reset it first" if self.fault else ""
             return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
         obstacle = self.checks.obstacle(time)
+        if obstacle is None and self._load_cell_problem:
+            obstacle = f"load cells: {self._load_cell_problem}"
         if obstacle is None and self._drives is not DriverState.DISABLED:
             known = self._drives.value if self._drives else "unknown"
             obstacle = f"the drives are in state {known}{self._because()}"
@@ -163,6 +166,10 @@ class Supervisor:
     def observe_recording(self, problem: str) -> None:
         """Take over that the recording has failed, or with an empty text that it goes on."""
         self._recording_problem = problem
+
+    def observe_load_cells(self, problem: str) -> None:
+        """Take over what is wrong with the load cells, as their driver finds it; empty when all is well."""
+        self._load_cell_problem = problem
 
     def observe_trajectory(self, phase: TrajectoryPhase) -> None:
         """Take over what the reference does."""
@@ -224,6 +231,8 @@ class Supervisor:
         urgent = urgent or self._find_drive_fault(time)
         if urgent is not None:
             return urgent
+        if self._load_cell_problem:
+            faults.insert(0, Fault(FaultKind.LOAD_CELL, self._load_cell_problem, controlled=True))
         if self._recording_problem:
             faults.append(Fault(FaultKind.RECORDING, self._recording_problem, controlled=True))
         return faults[0] if faults else None

@@ -44,6 +44,7 @@ from cspr_msgs_py.nodes.process import (
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DRIVE_STATES,
+    LOAD_CELL_STATES,
     MOTOR_STATES,
     PLATFORM_POSE,
     RECORDER_STATE,
@@ -109,6 +110,7 @@ class SupervisorNode(Node):
             subscribe_raw(self, topic, partial(self._note, source))
         subscribe(self, PLATFORM_POSE, self._on_pose)
         subscribe(self, DRIVE_STATES, self._on_drive_states)
+        subscribe(self, LOAD_CELL_STATES, self._on_load_cell_states)
         subscribe(self, TRAJECTORY_STATE, self._on_trajectory_state)
         subscribe(self, RECORDER_STATE, self._on_recorder_state)
         for name, command in (
@@ -198,6 +200,14 @@ class SupervisorNode(Node):
             self._refuse(f"{DRIVE_STATES.name} carries an unknown state, {state!r}")
             return
         self._supervisor.observe_drives(time.monotonic(), drives, values.get("cause", ""))
+        self._update()
+
+    def _on_load_cell_states(self, message: DiagnosticArray) -> None:
+        status = from_diagnostic_array(message).get("load_cells")
+        if status is None:
+            self._refuse(f"{LOAD_CELL_STATES.name} carries no status named load_cells")
+            return
+        self._supervisor.observe_load_cells(status[2].get("cause", ""))
         self._update()
 
     def _on_trajectory_state(self, message: DiagnosticStatus) -> None:
