@@ -28,6 +28,7 @@ from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
     DRIVE_STATES,
+    LOAD_CELL_STATES,
     MOTOR_STATES,
     cable_names,
     motor_command,
@@ -224,6 +225,17 @@ def test_a_missing_cell_is_named_in_diagnostics(bench, config, ports, drives, fa
     bench.until(lambda: bench.health.get("load_cells", ("", ""))[1] == "cable_4 silent")
     assert bench.health["load_cells"][0] is Level.ERROR
     assert bench.tensions == []
+
+
+def test_a_missing_cell_is_named_on_its_own_topic(bench, config, ports, drives, far_end):
+    states = []
+    subscribe(bench.probe, LOAD_CELL_STATES, lambda m: states.append(from_diagnostic_array(m)))
+    bench.add(LoadCells(config, ports, context=bench.context))
+    bench.until(lambda: states and states[-1]["load_cells"] == (Level.OK, "ok", {"cause": ""}))
+    far_end.cells[3].answers_sync = False
+    bench.until(lambda: states[-1]["load_cells"] == (Level.ERROR, "fault", {"cause": "cable_4: silent"}))
+    assert states[-1]["cable_4"][1] == "silent"
+    assert states[-1]["cable_5"][1] == "ok"
 
 
 def test_a_missing_drive_is_named_in_diagnostics(bench, config, ports, far_end):
