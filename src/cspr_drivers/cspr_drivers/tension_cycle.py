@@ -91,9 +91,11 @@ class TensionCycle:
         problem
             Why the value is not valid, empty when it is.
         """
-        # A value that answers an earlier SYNC would be taken for the tension at this one.
-        if self._stamp is None or self._answers.is_late(index) or self._values[index] is not None:
+        if self._stamp is None or self._values[index] is not None:
             return None
+        # Amplifiers convert for a good part of a cycle. A value that comes after the next SYNC is counted as late and
+        # used in the cycle in which it comes: unlike a position it is not differentiated.
+        self._answers.is_late(index)
         self._answers.feedback(index, 0.0)
         if problem:
             self._invalid[index] = problem
