@@ -187,9 +187,9 @@ SCENARIOS = (
     Scenario("load cell drifts", _inject(InjectedFault.LOAD_CELL_DRIFTING), "cable_3", lasts=8.0),
     Scenario("slack cable", _inject(InjectedFault.CABLE_SLACK), "cable", harms_tension=True, rest=2.0),
     Scenario(
-        "overloaded cable",
+        "drive pulls",
         _inject(InjectedFault.DRIVE_PULLING),
-        "above its limit",
+        "motor_3",
         _wind_back,
         harms_tension=True,
         rest=2.0,
