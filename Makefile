@@ -1,4 +1,5 @@
-# Targets: demo, test, lint, bench, build, clean. Each makes what it needs, the virtual environment included.
+# Targets: demo, test, test-socketcan, lint, bench, paper, build, clean. Each makes what it needs, the virtual
+# environment included.
 #   make demo ARGS="--controller static --payload 200"     options of the demo: make demo ARGS=--help
 #   make test ARGS="tests/kinematics -k jacobian"          arguments for pytest
 #   make PYTHON=python3.12 VENV=.venv-3.12 test            another interpreter in an environment of its own
@@ -14,9 +15,9 @@ BENCH_READY := $(VENV)/.bench-ready
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONPATH
 
-.PHONY: help demo test lint bench build clean
+.PHONY: help demo test test-socketcan lint bench paper build clean
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -4
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -5
 
 $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	@echo "== making the environment in $(VENV) (once; a few minutes)"
@@ -45,6 +46,21 @@ test: $(READY)
 	@echo "== tests"
 	$(VENV)/bin/python -m pytest $(ARGS)
 
+# On the kernel's CAN; the interfaces are made where that is possible and they are missing.
+CAN_INTERFACES := vcan0 vcan1
+test-socketcan: $(READY)
+	@echo "== tests on the kernel's CAN"
+	@for name in $(CAN_INTERFACES); do \
+		[ -e /sys/class/net/$$name ] || { modprobe -q vcan; ip link add $$name type vcan; } 2>/dev/null; \
+		ip link set $$name up 2>/dev/null; \
+		[ -e /sys/class/net/$$name ] || { \
+			echo "There is no interface $$name here, and it could not be made. As root, on a kernel with CAN:"; \
+			echo "  apt install can-utils linux-modules-extra-$$(uname -r)   # some distributions keep vcan apart"; \
+			echo "  modprobe vcan && ip link add $$name type vcan && ip link set $$name up"; \
+			exit 1; }; \
+	done
+	$(VENV)/bin/python -m pytest tests/socketcan $(ARGS)
+
 lint: $(READY)
 	@echo "== ruff and mypy"
 	$(VENV)/bin/ruff check .
@@ -54,6 +70,10 @@ lint: $(READY)
 bench: $(READY) $(BENCH_READY)
 	@echo "== benchmarks"
 	$(VENV)/bin/python -m benchmarks $(ARGS)
+
+paper: $(READY)
+	@echo "== the paper's studies and figures, into runs/paper/"
+	@$(VENV)/bin/python -m studies.paper $(ARGS)
 
 build: $(READY)
 	@echo "== colcon build into install/, then every executable is started and stopped"

@@ -8,34 +8,30 @@ from __future__ import annotations
 from multiprocessing import Pool
 
 import numpy as np
+from studies.closed_loop import LoopSettings, run, settling_time
 
-from benchmarks.closed_loop import LoopSettings, run, settling_time
 from cspr_control.feedforward import FeedforwardModel, PayloadSource
-from cspr_control.motor_control import MotorGains
 from cspr_control.trajectory_catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
 
-GAINS = MotorGains(kp=2.0, kd=0.1)  # as in config/control.yaml
 NOMINAL = PayloadSource.NOMINAL
 CASES = {
-    "pd": LoopSettings(gains=GAINS, model=FeedforwardModel.NONE),
-    "static": LoopSettings(gains=GAINS, model=FeedforwardModel.STATIC, payload_source=NOMINAL),
-    "pdff": LoopSettings(gains=GAINS, payload_source=NOMINAL),
-    "pdff-mass": LoopSettings(gains=GAINS),
-    "pdff (exact mass)": LoopSettings(gains=GAINS, exact_mass=True),
+    "pd": LoopSettings(model=FeedforwardModel.NONE),
+    "static": LoopSettings(model=FeedforwardModel.STATIC, payload_source=NOMINAL),
+    "pdff": LoopSettings(payload_source=NOMINAL),
+    "pdff-mass": LoopSettings(),
+    "pdff (exact mass)": LoopSettings(exact_mass=True),
     **{
         f"static, {load:g} kg, none added": LoopSettings(
-            gains=GAINS, model=FeedforwardModel.STATIC, payload_source=NOMINAL, payload=load, added=0.0
+            model=FeedforwardModel.STATIC, payload_source=NOMINAL, payload=load, added=0.0
         )
         for load in (0.0, 100.0, 200.0)
     },
-    "pdff-mass on smooth-19": LoopSettings(gains=GAINS, trajectory=TrajectoryName.SMOOTH_19),
-    "pdff (exact mass) on smooth-19": LoopSettings(
-        gains=GAINS, trajectory=TrajectoryName.SMOOTH_19, exact_mass=True
-    ),
+    "pdff-mass on smooth-19": LoopSettings(trajectory=TrajectoryName.SMOOTH_19),
+    "pdff (exact mass) on smooth-19": LoopSettings(trajectory=TrajectoryName.SMOOTH_19, exact_mass=True),
     **{
         f"pdff-mass on smooth-19, pulleys {told}": LoopSettings(
-            gains=GAINS, trajectory=TrajectoryName.SMOOTH_19, robot=robot, true_pulleys=Pulleys(0.05)
+            trajectory=TrajectoryName.SMOOTH_19, robot=robot, true_pulleys=Pulleys(0.05)
         )
         for told, robot in (("known", "robot_pulleys.yaml"), ("unknown", "robot.yaml"))
     },

@@ -10,8 +10,8 @@ from __future__ import annotations
 from multiprocessing import Pool
 
 import numpy as np
+from studies.closed_loop import LoopSettings, run, settling_time
 
-from benchmarks.closed_loop import LoopSettings, run, settling_time
 from cspr_control.errors import ControlError
 from cspr_control.motor_control import MotorGains
 from cspr_control.payload_estimation import EstimatorSettings

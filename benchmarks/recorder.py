@@ -43,6 +43,8 @@ from cspr_msgs_py.topics import (
 RATE = 500  # Hz
 MOTORS = 8
 SLOW = RATE // 50  # cycles between two messages of the topics of 50 Hz
+SAMPLES = 5  # of the memory
+LATE = 0.02  # s
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -72,7 +74,7 @@ def flood(cycles: int) -> None:
     print("publishing", flush=True)
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(256, 3, MOTORS))
-    start = time.monotonic()
+    start = due = time.monotonic()
     latest = 0.0
     for cycle in range(cycles):
         position, velocity, effort = noise[cycle % 256] + cycle
@@ -87,10 +89,13 @@ def flood(cycles: int) -> None:
             publish[PLATFORM_POSE.name](serialize_message(pose_stamped(cycle, [0, 0, 1], [0, 0, 0, 1])))
             publish[PAYLOAD.name](load)
             publish[SIMULATED_PAYLOAD.name](load)
-        delay = start + (cycle + 1) / RATE - time.monotonic()
+        due += 1 / RATE
+        delay = due - time.monotonic()
         latest = max(latest, -delay)
         if delay > 0:
             time.sleep(delay)
+        elif delay < -LATE:  # as the driver does: cycles that were missed are not made up for
+            due -= delay
     took = time.monotonic() - start
     print(f"{cycles / took:.1f} Hz, at most {latest * 1000:.0f} ms late", flush=True)
     time.sleep(1.0)  # what is on its way arrives while its publisher is there
@@ -155,15 +160,14 @@ def measure(minutes: float, parameters: Sequence[str]) -> None:
             running("-m", "benchmarks.recorder", "--flood", str(cycles), ready="publishing") as source,
         ):
             time.sleep(3.0)  # the first chunks, and with them the buffers
-            first_memory, first_cpu, first = (
-                memory(recorder.pid),
-                processor_time(recorder.pid),
-                time.monotonic(),
-            )
+            first_cpu, first = processor_time(recorder.pid), time.monotonic()
+            memories = [memory(recorder.pid)]
+            for sample in range(1, SAMPLES + 1):
+                time.sleep(max(first + (minutes * 60 - 5.0) * sample / SAMPLES - time.monotonic(), 0.0))
+                memories.append(memory(recorder.pid))
+            cpu, span = processor_time(recorder.pid) - first_cpu, time.monotonic() - first
             assert source.stdout is not None
             published = source.stdout.readline().strip()
-            cpu, span = processor_time(recorder.pid) - first_cpu, time.monotonic() - first
-            last_memory = memory(recorder.pid)
         missing = lost(bag, cycles)
         size = sum(file.stat().st_size for file in bag.glob("*.mcap"))
         with Bag(bag) as read:
@@ -176,7 +180,7 @@ def measure(minutes: float, parameters: Sequence[str]) -> None:
         if number:
             print(f"  {topic:22}{number:>12}")
     print(f"{'CPU of the recorder':24}{cpu / span:>12.1%} of one core")
-    print(f"{'memory at start, end':24}{first_memory:>12.1f} MB {last_memory:.1f} MB")
+    print(f"{'memory on the way':24}    {' '.join(f'{each:.1f}' for each in memories)} MB")
     print(f"{'size':24}{size / 1e6:>12.1f} MB, {size / max(total, 1):.0f} bytes a message")
 
 

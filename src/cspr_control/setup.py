@@ -10,16 +10,19 @@ EXECUTABLES = (
     "pose_estimator",
     "mass_estimator",
     "supervisor",
+    "robot_markers",
     "control",
     "demo",
     "workspace",
+    "analyze",
+    "rerun",
 )
 
 setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "analysis/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -31,7 +31,14 @@ setup(
     entry_points={
         "console_scripts": [
             f"{name} = {PACKAGE}.nodes.{name}:main"
-            for name in ("can_drives", "load_cells", "drivers", "simulated_robot")
+            for name in (
+                "can_drives",
+                "load_cells",
+                "drivers",
+                "simulated_robot",
+                "emulated_robot",
+                "commission",
+            )
         ]
     },
 )

@@ -616,6 +616,24 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
     assert called.count("/can_drives/enable") == enables == 2
 
 
+def test_supervisor_repeats_that_a_recording_failed(bench):
+    bench.add(SupervisorNode(**bench.options()))
+    diagnostics = bench.listen(topics.DIAGNOSTICS)
+    cause = "recording ended early, bag_0.mcap cannot be written: No space left on device"
+    failed = diagnostic_status("recorder", Level.ERROR, "failed", {"bag": "bag", "cause": cause})
+    bench.publish(topics.RECORDER_STATE, failed)
+
+    def texts():
+        return [
+            (status.message, status.level)
+            for message in diagnostics
+            for status in message.status
+            if status.name == "supervisor"
+        ]
+
+    bench.until(lambda: (f"disabled; recorder: {cause}", bytes([Level.WARN])) in texts())
+
+
 def test_supervisor_that_goes_closes_the_brakes(bench):
     node = bench.add(SupervisorNode(**bench.options()))
     called = threading.Event()

@@ -1,4 +1,4 @@
-"""Errors, settling and tables of a run, on traces whose answers are known beforehand."""
+"""Settling and tables of a run, on traces whose answers are known beforehand."""
 
 from __future__ import annotations
 
@@ -7,26 +7,17 @@ import json
 import numpy as np
 import pytest
 
-from cspr_control.errors import ControlError
 from cspr_control.run_summary import (
     CycleStatistics,
     MassTrace,
-    MotorTrace,
     RunSummary,
     format_comparison,
     format_summary,
-    position_errors,
     settling_time,
     verdict,
 )
 
-PERIOD = 4_000_000  # ns
 CYCLE = CycleStatistics(250.0, 2500, 1, 400.0, 900.0, 2100.0)
-
-
-def ramp(stamps: np.ndarray, speed: float, offset: float = 0.0) -> MotorTrace:
-    position = speed * stamps[:, None] * 1e-9 * np.ones(8) + offset
-    return MotorTrace(stamps, position, np.full_like(position, speed))
 
 
 def summary(**changes: object) -> RunSummary:
@@ -43,34 +34,6 @@ def summary(**changes: object) -> RunSummary:
         "bag": "bag",
     }
     return RunSummary(**(values | changes))  # type: ignore[arg-type]
-
-
-def test_setpoints_are_carried_to_the_time_of_the_state() -> None:
-    states = np.arange(100) * PERIOD
-    jitter = np.random.default_rng(3).integers(-300_000, 300_000, 100)
-    stamps, error = position_errors(
-        ramp(states + jitter, 100.0),
-        ramp(states, 100.0, offset=0.25),
-        (10 * PERIOD - 10**6, 50 * PERIOD + 10**6),
-    )
-    assert stamps.size == 41
-    np.testing.assert_allclose(error, 0.25, atol=1e-9)
-
-
-def test_a_lost_setpoint_is_bridged_by_the_one_before() -> None:
-    states = np.arange(100) * PERIOD
-    kept = np.delete(states, 30)
-    _, error = position_errors(ramp(states, 100.0), ramp(kept, 100.0, 0.1), (20 * PERIOD, 40 * PERIOD))
-    np.testing.assert_allclose(error, 0.1, atol=1e-9)
-
-
-def test_a_run_without_states_or_setpoints_is_an_error() -> None:
-    trace = ramp(np.arange(10) * PERIOD, 1.0)
-    nothing = MotorTrace(np.zeros(0, np.int64), np.zeros((0, 8)), np.zeros((0, 8)))
-    with pytest.raises(ControlError, match="nothing to summarise"):
-        position_errors(trace, nothing, (0, 10 * PERIOD))
-    with pytest.raises(ControlError, match="nothing to summarise"):
-        position_errors(trace, trace, (100 * PERIOD, 110 * PERIOD))
 
 
 def mass(seconds: np.ndarray, kilograms: np.ndarray) -> MassTrace:

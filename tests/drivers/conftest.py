@@ -164,7 +164,7 @@ class ScriptedCell(ScriptedNode):
         super().__init__(
             node_id,
             0x404,
-            numbers(u32={(0x1000, 0): 0x0002_0194, (0x6131, 1): 0}, u8={(0x6132, 1): 0})
+            numbers(u32={(0x1000, 0): 0x0002_0194, (0x6131, 1): 0, (0x9149, 1): 50_000}, u8={(0x6132, 1): 0})
             | pdos(0x1800, node_id, (0x180,)),
         )
         self.value = 100 * node_id

@@ -2,6 +2,7 @@ import dataclasses
 import errno
 import math
 import time
+from pathlib import Path
 
 import can
 import pytest
@@ -11,6 +12,8 @@ from cspr_drivers.can_config import CanConfig
 from cspr_drivers.drive_group import GroupState
 from cspr_drivers.drive_master import DriveMaster
 from cspr_drivers.errors import BusError
+
+REPOSITORY = Path(__file__).parents[2]
 
 # Status words, IEC 61800-7-201.
 FAULT, AT_REST, ENABLED = 0x18, 0x50, 0x5037
@@ -569,5 +572,51 @@ def test_positions_of_unknown_unit_are_refused(config, ports, far_end, wait_unti
     try:
         wait_until(lambda: rig.lines)
         assert "60A8h:00 (SI unit position) is 4259840 (0x410000), not increments" in rig.lines[0]
+    finally:
+        rig.master.stop()
+
+
+def test_the_present_pose_becomes_the_home_pose(config, ports, far_end, tmp_path, wait_until):
+    path = tmp_path / "can.yaml"
+    path.write_text((REPOSITORY / "config" / "can.yaml").read_text())
+    rig = Rig(dataclasses.replace(config, source=str(path)), ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.state is GroupState.DISABLED)
+        for index, drive in enumerate(far_end.drives):
+            drive.counts = 1000 * (index + 1)
+        wait_until(lambda: rig.states and rig.states[-1].angles[7] != 0.0)
+        wait_until(lambda: rig.states[-1].speeds == (0.0,) * 8)
+        assert rig.master.set_home() is None
+        wait_until(lambda: rig.states[-1].angles == (0.0,) * 8)
+        assert all(states.speeds[0] < 1000.0 for states in rig.states[-20:])  # no speed from the jump
+        stored = CanConfig.from_yaml(path)
+        assert [drive.units.home_counts for drive in stored.drives] == [1000 * (k + 1) for k in range(8)]
+        wait_until(lambda: rig.master.enable() is None)
+        assert rig.master.set_home() == "the drives are enabling: disable them first"
+        wait_until(lambda: rig.state is GroupState.ENABLED)
+    finally:
+        rig.master.stop()
+
+
+def test_home_is_not_set_without_the_positions(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is GroupState.DISABLED)
+    far_end.drives[6].answers_sync = False
+    wait_until(lambda: rig.master.set_home() == "motor_7 does not report its position")
+
+
+def test_the_error_of_a_drive_that_was_in_fault_before_is_known(config, ports, far_end, wait_until):
+    drive = far_end.drives[2]
+    drive.status = FAULT
+    drive.objects[0x603F, 0] = bytes.fromhex("05 73")
+    drive.objects[0x1001, 0] = bytes.fromhex("81")
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.state is GroupState.FAULT)
+        wait_until(lambda: rig.master.snapshot().drives[2].errors)
+        assert (
+            rig.master.snapshot().drives[2].errors[0].text == "incremental sensor 1 fault (error code 0x7305)"
+        )
     finally:
         rig.master.stop()

@@ -1,6 +1,10 @@
+import time
+
 import pytest
 
+from cspr_drivers.can_config import LoadCellChecks
 from cspr_drivers.load_cell_master import LoadCellMaster
+from cspr_drivers.stuck_cells import StuckCells
 from cspr_drivers.tension_cycle import TensionCycle
 
 
@@ -145,3 +149,81 @@ def test_an_answer_lost_while_taring_is_not_asked_for_again(rig, far_end, wait_u
     wait_until(lambda: rig.report().tare_result)
     assert rig.report().tare_result == "taring ended: cable_5 (node 15 on main): does not answer"
     assert [write for write in far_end.cells[4].writes if write[0] == 0x6125] == [(0x6125, 1, b"zero")]
+
+
+def test_a_late_value_is_not_taken_for_the_next_sync():
+    cycle = TensionCycle(["cable_1", "cable_2"])
+    cycle.sync(7)
+    cycle.measured(0, 1.0, "")
+    cycle.sync(8)
+    assert cycle.measured(1, 2.0, "") is None  # the answer to SYNC 7
+    cycle.measured(0, 3.0, "")
+    complete = cycle.measured(1, 4.0, "")
+    assert (complete.stamp_ns, complete.tensions) == (8, (3.0, 4.0))
+    counts = cycle.statistics().answers[1]
+    assert (counts.late, counts.missing) == (1, 1)
+
+
+def problems(rig):
+    return rig.master.problems(time.monotonic())
+
+
+def test_what_is_wrong_with_a_cell_is_named(rig, far_end, wait_until):
+    far_end.cells[2].answers_sync = False
+    far_end.cells[5].status = 0x01
+    expected = {"cable_3": "silent", "cable_6": "not valid"}
+    wait_until(lambda: rig.sync() or problems(rig) == expected)
+    far_end.cells[2].answers_sync = True
+    far_end.cells[5].status = 0x00
+    wait_until(lambda: rig.sync() or problems(rig) == {})
+
+
+def test_a_cell_at_the_end_of_its_range_is_saturated_whatever_its_status_says(rig, far_end, wait_until):
+    far_end.cells[3].value = 50_000  # 9149h of the scripted amplifiers
+    expected = {"cable_4": "at the end of its measuring range"}
+    wait_until(lambda: rig.sync() or problems(rig) == expected)
+    published = len(rig.published)
+    rig.sync()
+    assert len(rig.published) == published
+
+
+def test_the_errors_of_a_cell_are_named(rig, far_end, wait_until):
+    far_end.send(0x08C, bytes.fromhex("00 50 81 00 00 00 00 00"))
+    wait_until(
+        lambda: rig.sync() or problems(rig) == {"cable_2": "reports device hardware (error code 0x5000)"}
+    )
+    far_end.send(0x08C, bytes(8))
+    wait_until(lambda: rig.sync() or problems(rig) == {})
+
+
+CHECKS = LoadCellChecks(stuck_time=1.0, stuck_span=20.0)
+
+
+def test_a_cell_that_does_not_change_while_others_do_is_stuck():
+    cells = StuckCells(3, CHECKS)
+    for step in range(200):
+        cells.observe(0.01 * step, (100.0 + step, 200.0, 300.0 + step % 2))
+    assert cells.stuck == {1}
+    cells.observe(2.0, (300.0, 200.1, 300.0))
+    assert cells.stuck == frozenset()
+
+
+def test_cells_that_show_the_same_because_nothing_moves_are_sound():
+    cells = StuckCells(3, CHECKS)
+    for step in range(400):
+        cells.observe(0.01 * step, (100.0, 200.0, 300.0 + step % 2))
+    assert cells.stuck == frozenset()
+
+
+def test_a_cell_that_leaves_nmt_operational_is_started_again(rig, far_end, wait_until):
+    cell = far_end.cells[1]
+    cell.operational = False
+    far_end.send(0x70C, [127])
+
+    def started_again():
+        far_end.send(0x70C, [5 if cell.operational else 127])
+        rig.master.watch(time.monotonic())
+        return cell.operational
+
+    wait_until(started_again)
+    assert "cable_2 (node 12 on main): left NMT operational, it is pre-operational" in rig.lines

@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from cspr_control.nodes import rerun
 from cspr_msgs_py.bag_reader import Bag
 
 ROOT = Path(__file__).parents[2]
@@ -136,6 +137,14 @@ def test_the_robot_moves_and_is_recorded(tmp_path: Path, demo: list[Demo]) -> No
         "/drive_states", "/trajectory_state", "/diagnostics", *(f"/motor_{k}/command" for k in range(1, 9)),
     }  # fmt: skip
     assert topics >= wanted
+
+    # estimator and feed-forward say once more what they said, as far as the order of arrivals is known
+    assert rerun.main([str(bag), "--output", str(tmp_path / "rerun")]) == 0
+    again = json.loads((tmp_path / "rerun" / "comparison.json").read_text(encoding="utf-8"))
+    assert again["setpoint"]["matched"] > 1500
+    assert again["setpoint"]["position"]["maximum"] == again["setpoint"]["velocity"]["maximum"] == 0.0
+    assert again["payload"]["mass"]["rms"] < 2.0
+    assert abs(again["payload"]["rerun_quality"]["final_error"]) < 4.0
 
 
 def test_interrupted_in_motion_it_closes_brakes_and_ends_everything(tmp_path: Path, demo: list[Demo]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.closed_loop import LoopRecord, LoopSettings, run
+from studies.closed_loop import LoopRecord, LoopSettings, run
 
 from cspr_control.motor_control import MotorGains
 from cspr_control.trajectory_catalogue import TrajectoryName

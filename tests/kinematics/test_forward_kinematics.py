@@ -108,6 +108,14 @@ def test_input_is_checked(robot: Robot, lengths: np.ndarray) -> None:
         forward_kinematics(robot, lengths, robot.home)
 
 
+@pytest.mark.parametrize("limit", [{"max_iterations": 0}, {"max_iterations": 2.5}, {"max_residual": 0.0}])
+def test_limits_are_checked(robot: Robot, limit: dict[str, float]) -> None:
+    lengths = inverse_kinematics(robot, robot.home).lengths
+    with pytest.raises(InvalidInputError) as caught:
+        forward_kinematics(robot, lengths, robot.home, **limit)
+    assert caught.value.name in limit
+
+
 def test_batches_that_do_not_fit_are_refused(robot: Robot) -> None:
     with pytest.raises(InvalidInputError, match="broadcast"):
         forward_kinematics(robot, np.ones((2, 8)), Pose(np.zeros((3, 3)), np.eye(3)))

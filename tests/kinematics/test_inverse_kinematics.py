@@ -66,16 +66,22 @@ def test_jacobian_by_finite_differences_of_the_lengths(
     np.testing.assert_allclose(inverse_kinematics(robot, pose).jacobian, differences, atol=1e-9)
 
 
-def test_virtual_work(robot: Robot, random_pose: Callable[..., Pose], rng: np.random.Generator) -> None:
+def test_virtual_work(any_robot: Robot, rng: np.random.Generator) -> None:
     """Work of the cables' wrench on a small displacement equals what their shortening yields."""
-    pose = random_pose()
-    tensions = rng.uniform(50.0, 3000.0, 8)
-    displacement = 1e-6 * rng.normal(size=6)
-    cables = inverse_kinematics(robot, pose)
-    moved = Pose(pose.position + displacement[:3], rotation_from_vector(displacement[3:]) @ pose.rotation)
-    shortening = cables.lengths - inverse_kinematics(robot, moved).lengths
-    work = (cables.wrench_matrix @ tensions) @ displacement
-    assert tensions @ shortening == pytest.approx(work, rel=1e-4)
+    robot, n = any_robot, 20
+    pose = Pose.from_euler(
+        rng.uniform(robot.workspace_min, robot.workspace_max, (n, 3)), *rng.uniform(-0.3, 0.3, (3, n))
+    )
+    tensions = rng.uniform(50.0, 3000.0, (n, robot.number_of_cables))
+    half = 1e-5 * rng.normal(size=(n, 6))
+    behind, ahead = (
+        Pose(pose.position + s * half[:, :3], rotation_from_vector(s * half[:, 3:]) @ pose.rotation)
+        for s in (-1.0, 1.0)
+    )
+    shortening = inverse_kinematics(robot, behind).lengths - inverse_kinematics(robot, ahead).lengths
+    wrench = (inverse_kinematics(robot, pose).wrench_matrix @ tensions[..., None])[..., 0]
+    work = 2.0 * np.einsum("ni,ni->n", wrench, half)
+    np.testing.assert_allclose(np.einsum("ni,ni->n", tensions, shortening), work, rtol=1e-6, atol=1e-6)
 
 
 def test_batches_equal_loops(robot: Robot, random_pose: Callable[..., Pose]) -> None:

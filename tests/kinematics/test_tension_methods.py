@@ -15,6 +15,7 @@ from cspr_kinematics import (
     Robot,
     SingularWrenchMatrixError,
     TensionBlend,
+    bounded_methods,
     distribute_tensions,
     inverse_kinematics,
     static_wrench,
@@ -110,9 +111,8 @@ def test_tensions_are_continuous_into_infeasibility_and_back(m: int) -> None:
         assert largest[method, 12000] < 0.5 * largest[method, 4000]
 
 
-@pytest.mark.parametrize("name", ["robot", "cogiro"])
-def test_all_methods_on_real_robots(name: str, request: pytest.FixtureRequest) -> None:
-    robot: Robot = request.getfixturevalue(name)
+def test_all_methods_on_whole_robots(any_robot: Robot) -> None:
+    robot = any_robot
     rng = np.random.default_rng(3)
     middle = 0.5 * (robot.workspace_min + robot.workspace_max)
     pose = Pose.from_euler(
@@ -122,15 +122,18 @@ def test_all_methods_on_real_robots(name: str, request: pytest.FixtureRequest) -
     A = inverse_kinematics(robot, pose).wrench_matrix
     w = static_wrench(robot, pose, Payload(50.0, [0.05, 0.0, 0.1]))
     margins = {}
-    for method in BOUNDED:
+    for method in bounded_methods(robot.number_of_cables):
         result = distribute_tensions(A, w, robot.tension_min, robot.tension_max, method)
         reached = result.feasible
         assert reached.mean() > 0.5
         np.testing.assert_allclose((A @ result.tensions[..., None])[reached, :, 0], w[reached], atol=1e-5)
         margins[method] = result.margin[reached]
     # What the two centres are for.
-    for method in ("centroid", "analytic_center"):
-        assert margins[method].mean() > margins["closest"].mean()
+    centers = margins.keys() - {"closest"}
+    assert centers
+    for method in centers:
+        if robot.number_of_cables > 6:  # six leave no choice
+            assert margins[method].mean() > margins["closest"].mean()
 
 
 def test_result_names_the_active_limits() -> None:

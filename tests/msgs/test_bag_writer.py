@@ -24,7 +24,7 @@ from cspr_msgs_py.bag_reader import Bag, BagWarning
 from cspr_msgs_py.bag_writer import FLUSH_PERIOD, BagWriter
 from cspr_msgs_py.errors import BagError
 from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.topics import JOINT_STATE
+from cspr_msgs_py.topics import JOINT_STATE, MOTOR_STATES
 
 TOPIC = RecordedTopic(
     "/motor_states",
@@ -172,7 +172,7 @@ class TestMetadata:
         assert topic["topic_metadata"]["offered_qos_profiles"] == [
             {
                 "history": "keep_last",
-                "depth": 5,
+                "depth": MOTOR_STATES.depth,
                 "reliability": "best_effort",
                 "durability": "volatile",
                 "deadline": {"sec": 9223372036, "nsec": 854775807},

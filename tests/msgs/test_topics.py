@@ -8,6 +8,7 @@ from cspr_msgs_py.topics import (
     DIAGNOSTICS,
     DRIVE_STATES,
     MOTOR_STATES,
+    RECORDER_STATE,
     REFERENCE,
     ROBOT_STATE,
     SETPOINT,
@@ -53,7 +54,7 @@ def test_samples_of_the_control_loop_are_never_repeated(topic) -> None:
     assert profile.depth == 1
 
 
-@pytest.mark.parametrize("topic", [ROBOT_STATE, TRAJECTORY_STATE, DRIVE_STATES])
+@pytest.mark.parametrize("topic", [ROBOT_STATE, TRAJECTORY_STATE, DRIVE_STATES, RECORDER_STATE])
 def test_states_are_latched(topic) -> None:
     assert topic.latched
     profile = qos_profile(topic)

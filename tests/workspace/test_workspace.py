@@ -23,16 +23,23 @@ EXECUTABLES = {
     "pose_estimator": ("cspr_control", ["pose_estimator"], []),
     "mass_estimator": ("cspr_control", ["mass_estimator"], []),
     "supervisor": ("cspr_control", ["supervisor"], []),
+    "robot_markers": ("cspr_control", ["robot_markers"], []),
     "control": ("cspr_control", ["motor_controller_8", "trajectory_publisher", "supervisor"], []),
     "can_drives": ("cspr_drivers", ["can_drives"], ["-p", "can_config:=virtual_can.yaml"]),
     "load_cells": ("cspr_drivers", ["load_cells"], ["-p", "can_config:=virtual_can.yaml"]),
     "drivers": ("cspr_drivers", ["can_drives", "load_cells"], ["-p", "can_config:=virtual_can.yaml"]),
     "simulated_robot": ("cspr_drivers", ["simulated_robot", "can_drives", "load_cells"], []),
+    "emulated_robot": ("cspr_drivers", ["simulated_robot"], ["-p", "can_config:=virtual_can.yaml"]),
 }
 
 PROGRAMS = {  # what ends by itself, and words that its --help must have
     "demo": ("--controller", "--exact-mass", "--compare", "--add-payload", "--realtime", "examples:"),
     "workspace": ("--robot", "--payload"),
+    "analyze": ("BAG", "--output", "--label", "examples:"),
+    "rerun": ("BAG", "--set", "--payload", "examples:"),
+    "recover": ("--output", "examples:"),
+    "replay": ("--rate", "--loop", "--start", "--topics", "examples:"),
+    "commission": ("--config", "--answers", "--torque", "examples:"),
 }
 
 
@@ -124,7 +131,7 @@ def test_executable_names_itself_and_stops(workspace: Path, tmp_path: Path, name
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_program_teaches(workspace: Path, name: str) -> None:
-    program = workspace / "install" / "cspr_control" / "lib" / "cspr_control" / name
+    (program,) = workspace.glob(f"install/*/lib/cspr_*/{name}")
     done = subprocess.run(
         [str(program), "--help"], cwd=workspace, env=environment(workspace), capture_output=True, text=True,
         timeout=60, check=False,

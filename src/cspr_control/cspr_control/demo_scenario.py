@@ -104,7 +104,8 @@ class Scenario:
         DemoError
             If a file lacks what has to be changed.
         """
-        shutil.copytree(source, target)
+        shutil.copytree(source, target, ignore=shutil.ignore_patterns("views"))
+        model, payload_source = CONTROLLERS[self.controller]
         with _edited(target / "simulation.yaml") as simulation:
             simulation["payload"]["mass"] = self.payload
             simulation["payload_changes"] = []
@@ -112,6 +113,11 @@ class Scenario:
             if not self.realtime:
                 _relax(can["timeouts"], _RELAXED_WATCHDOGS)
         with _edited(target / "control.yaml") as control:
+            control["trajectory_publisher"]["ros__parameters"]["trajectory"] = self.trajectory
+            feedforward = control["feedforward"]["ros__parameters"]
+            feedforward["model"] = model
+            # the truth comes over the same path as the estimate would
+            feedforward["payload_source"] = "estimated" if self.exact_mass else payload_source
             ages = control["supervisor"]["ros__parameters"]["max_age"]
             if not self.realtime:
                 _relax(ages, _RELAXED_AGES)
@@ -126,14 +132,10 @@ class Scenario:
 
     def control_arguments(self) -> list[str]:
         """ROS arguments of the control nodes."""
-        model, payload_source = CONTROLLERS[self.controller]
-        arguments = ["-p", f"trajectory_publisher:trajectory:={self.trajectory}"]
-        arguments += ["-p", f"feedforward:model:={model}"]
+        arguments = self._priority()
         if self.exact_mass:
-            # the truth comes over the same path as the estimate would
-            payload_source = "estimated"
             arguments += ["-r", f"feedforward:{topics.PAYLOAD.name}:={topics.SIMULATED_PAYLOAD.name}"]
-        return [*arguments, "-p", f"feedforward:payload_source:={payload_source}", *self._priority()]
+        return arguments
 
     def robot_arguments(self) -> list[str]:
         """ROS arguments of the simulated robot."""

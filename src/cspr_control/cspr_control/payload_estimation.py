@@ -13,6 +13,9 @@ from cspr_control.errors import MeasurementError, SettingError
 from cspr_control.payload_measurement import PayloadMeasurement, measure_payload
 from cspr_kinematics import Payload, Pose, Robot
 
+UPDATE_PERIOD = 0.02
+"""Of the estimates, s."""
+
 
 class Invalidity(Enum):
     """Why tensions and pose do not tell the payload at present."""

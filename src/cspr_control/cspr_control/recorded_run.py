@@ -1,43 +1,30 @@
-"""The summary of a run from its bag."""
+"""The summary of a run of the demo from its recording."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
+from cspr_control.analysis.error_statistics import ErrorStatistics
+from cspr_control.analysis.mass_metrics import mass_trace
+from cspr_control.analysis.motor_errors import motor_errors
+from cspr_control.analysis.recording import Recording
 from cspr_control.errors import ControlError
-from cspr_control.run_summary import (
-    CycleStatistics,
-    MassTrace,
-    MotorTrace,
-    RunSummary,
-    position_errors,
-    settling_time,
-)
-from cspr_msgs_py.bag_reader import Bag, Inertias, JointStates
-from cspr_msgs_py.errors import BagError
-from cspr_msgs_py.topics import MOTOR_STATES, PAYLOAD, SETPOINT, SIMULATED_PAYLOAD
+from cspr_control.run_summary import CycleStatistics, MassTrace, RunSummary, settling_time
+from cspr_msgs_py.bag_reader import Inertias
+from cspr_msgs_py.topics import PAYLOAD, SETPOINT, SIMULATED_PAYLOAD
 
 
 def summarise_run(
-    bag_path: Path,
-    *,
-    window_ns: tuple[int, int],
-    controller: str,
-    exact_mass: bool,
-    trajectory: str,
-    driver: Mapping[str, str],
+    recording: Recording, *, controller: str, exact_mass: bool, trajectory: str, driver: Mapping[str, str]
 ) -> RunSummary:
-    """Read a recorded run and summarise what happened between two times.
+    """Summarise what happened while the trajectory was followed.
 
     Parameters
     ----------
-    bag_path
-        Directory of the bag.
-    window_ns
-        ROS times at which the trajectory began and ended, ns.
+    recording
+        The run.
     controller, exact_mass, trajectory
         What was run.
     driver
@@ -46,52 +33,50 @@ def summarise_run(
     Raises
     ------
     ControlError
-        If the bag cannot be read or lacks what the summary needs.
+        If the recording lacks what the summary needs.
     """
-    try:
-        with Bag(bag_path) as bag:
-            recorded_states = bag.joint_states(MOTOR_STATES.name)
-            states = _motor_trace(recorded_states)
-            setpoints = _motor_trace(bag.joint_states(SETPOINT.name))
-            estimate = _mass_trace(bag.inertias(PAYLOAD.name), recorded_states, window_ns)
-            truth = _mass_trace(bag.inertias(SIMULATED_PAYLOAD.name), recorded_states, window_ns)
-    except BagError as problem:
-        raise ControlError(f"the recording cannot be summarised: {problem}") from problem
-    _, error = position_errors(states, setpoints, window_ns)
-    degrees = np.degrees(error)
+    if not recording.trajectories:
+        raise ControlError(
+            f"{recording.path} has no trajectory that was followed: there is nothing to summarise"
+        )
+    if recording.setpoints is None:
+        raise ControlError(
+            f"{recording.path} has no messages on {SETPOINT.name}: there is nothing to summarise"
+        )
+    errors = motor_errors(recording.states, recording.setpoints)
+    judged = errors.part(recording.judged(errors.time_ns))
+    if judged.time_ns.size == 0:
+        raise ControlError(
+            f"{recording.path} has no set-points on the trajectory: there is nothing to summarise"
+        )
+    position = ErrorStatistics.of(np.degrees(judged.position))
+    estimate = _mass(recording, recording.estimate, PAYLOAD.name)
+    truth = _mass(recording, recording.truth, SIMULATED_PAYLOAD.name)
     return RunSummary(
         controller=controller,
         exact_mass=exact_mass,
         trajectory=trajectory,
-        rms_position_error_deg=tuple(np.sqrt((degrees**2).mean(axis=0)).tolist()),
-        max_position_error_deg=tuple(np.abs(degrees).max(axis=0).tolist()),
+        rms_position_error_deg=tuple(position.rms.tolist()),
+        max_position_error_deg=tuple(position.maximum.tolist()),
         mass_true_final_kg=float(truth.mass[-1]),
         mass_estimate_final_kg=float(estimate.mass[-1]),
         mass_settling_time_s=settling_time(estimate, truth),
-        cycle=_cycle_statistics(states, window_ns, driver),
-        bag=str(bag_path),
+        cycle=_cycle_statistics(recording, driver),
+        bag=str(recording.path),
     )
 
 
-def _motor_trace(states: JointStates) -> MotorTrace:
-    order = np.argsort(states.time_ns, kind="stable")
-    return MotorTrace(states.time_ns[order], states.position[order], states.velocity[order])
+def _mass(recording: Recording, payload: Inertias | None, topic: str) -> MassTrace:
+    trace = None if payload is None else mass_trace(recording, payload)
+    if trace is None or trace.mass.size == 0:
+        raise ControlError(
+            f"{recording.path} has no messages on {topic} between the start and the end of the trajectory"
+        )
+    return trace
 
 
-def _mass_trace(inertias: Inertias, states: JointStates, window_ns: tuple[int, int]) -> MassTrace:
-    # The estimate keeps the stamp of its newest measurement while it is held: what counts is when it was there, on
-    # the clock of the machine, which may be slower than the recorder's.
-    arrivals = np.interp(inertias.log_time_ns, states.log_time_ns, states.time_ns).astype(np.int64)
-    inside = (arrivals >= window_ns[0]) & (arrivals <= window_ns[1])
-    if not inside.any():
-        raise ControlError("the recording holds no payload between the start and the end of the trajectory")
-    return MassTrace(arrivals[inside], inertias.mass[inside])
-
-
-def _cycle_statistics(
-    states: MotorTrace, window_ns: tuple[int, int], driver: Mapping[str, str]
-) -> CycleStatistics:
-    stamps = states.stamp_ns[(states.stamp_ns >= window_ns[0]) & (states.stamp_ns <= window_ns[1])]
+def _cycle_statistics(recording: Recording, driver: Mapping[str, str]) -> CycleStatistics:
+    stamps = recording.states.time_ns[recording.judged(recording.states.time_ns)]
     try:
         return CycleStatistics(
             rate_hz=float((stamps.size - 1) / ((stamps[-1] - stamps[0]) * 1e-9)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cspr_kinematics import Acceleration, Pose, Twist
+from cspr_msgs_py.reference import ReferenceSample
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,15 @@ class ReferencePoint:
     def at_rest(pose: Pose) -> ReferencePoint:
         """Return the reference that holds ``pose``."""
         return ReferencePoint(pose, Twist.zero(), Acceleration.zero())
+
+    @staticmethod
+    def of_sample(sample: ReferenceSample) -> ReferencePoint:
+        """Return what a message says; raises cspr_kinematics.KinematicsError if it is no finite motion."""
+        return ReferencePoint(
+            Pose.from_quaternion(sample.position, sample.quaternion_xyzw),
+            Twist(sample.linear_velocity, sample.angular_velocity),
+            Acceleration(sample.linear_acceleration, sample.angular_acceleration),
+        )
 
     def scaled_in_time(self, rate: float, acceleration: float) -> ReferencePoint:
         """Return the motion of the same path point when path time runs at another pace.

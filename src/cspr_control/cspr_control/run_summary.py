@@ -1,4 +1,4 @@
-"""What a recorded run was worth: motor position errors, the mass estimate, the cycle; as numbers and as a table."""
+"""The summary of a run of the demo: motor position errors, the mass estimate, the cycle; as numbers and as a table."""
 
 from __future__ import annotations
 
@@ -9,21 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.errors import ControlError
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MASS_TOLERANCE = 0.02  # of the true mass: the band in which the estimate must stay to count as settled
-
-
-@dataclass(frozen=True)
-class MotorTrace:
-    """Samples of the m motors: stamps in ns (n,), angles in rad and speeds in rad/s (n, m)."""
-
-    stamp_ns: IntArray
-    position: FloatArray
-    velocity: FloatArray
 
 
 @dataclass(frozen=True)
@@ -94,42 +83,6 @@ class RunSummary:
             },
             "bag": self.bag,
         }
-
-
-def position_errors(
-    states: MotorTrace, setpoints: MotorTrace, window_ns: tuple[int, int]
-) -> tuple[IntArray, FloatArray]:
-    """Position error of each motor, demanded less measured, at the measured states inside a time window.
-
-    The newest set-point at or before a state, or the one that comes at most half a cycle after it, is carried to the
-    state's time with its own speed, as the motor controllers do.
-
-    Returns
-    -------
-    stamp_ns, error
-        (n,) and (n, m) in rad.
-
-    Raises
-    ------
-    ControlError
-        If the window holds no states or no set-points.
-    """
-    inside = (states.stamp_ns >= window_ns[0]) & (states.stamp_ns <= window_ns[1])
-    stamps = states.stamp_ns[inside]
-    if stamps.size < 2 or setpoints.stamp_ns.size == 0:
-        raise ControlError(
-            f"the run holds {stamps.size} motor states and {setpoints.stamp_ns.size} set-points between its start and "
-            "its end: nothing to summarise"
-        )
-    half_cycle = int(np.median(np.diff(stamps)) // 2)
-    match = np.searchsorted(setpoints.stamp_ns, stamps + half_cycle, side="right") - 1
-    if match[0] < 0:
-        raise ControlError(
-            "the first motor states of the run have no set-point: the recording began too late"
-        )
-    ahead = (stamps - setpoints.stamp_ns[match]) * 1e-9
-    demanded = setpoints.position[match] + setpoints.velocity[match] * ahead[:, None]
-    return stamps, demanded - states.position[inside]
 
 
 def settling_time(estimate: MassTrace, truth: MassTrace, tolerance: float = MASS_TOLERANCE) -> float | None:

@@ -188,6 +188,12 @@ class CanPort:
         """Received frames that the kernel had no room for, since the bus was opened."""
         return int(getattr(self._bus, "dropped_frames", 0))
 
+    @property
+    def receive_buffer(self) -> int | None:
+        """Size of the kernel's receive buffer, bytes; `None` where there is none."""
+        size = getattr(self._bus, "receive_buffer", None)
+        return None if size is None else int(size)
+
     def send(self, message: can.Message, deadline: float = -math.inf) -> bool:
         """Put a frame on the bus; return whether that went well. Failures are counted, not raised.
 

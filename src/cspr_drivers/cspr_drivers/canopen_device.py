@@ -15,6 +15,7 @@ from cspr_drivers.errors import DeviceError, WrongDeviceError
 from cspr_drivers.object_entry import Parameter, Setting
 
 BOOT_UP = 0  # NMT state in the heartbeat of a device that has just started (CiA 301, section 7.2.8.3.3)
+STOPPED = 4
 OPERATIONAL = 5  # and of one that takes part in the exchange of PDOs (section 7.2.8.3.2)
 
 _NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
@@ -198,6 +199,17 @@ class CanopenDevice:
             raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
         if command is NmtCommand.START:
             self._started = clock.monotonic()
+
+    def leave_stopped(self) -> None:
+        """Let a device that somebody has stopped answer SDO requests again (CiA 301, section 7.3.2.2.4).
+
+        Raises
+        ------
+        DeviceError
+            As `command`.
+        """
+        if self._nmt_state == STOPPED:
+            self.command(NmtCommand.ENTER_PRE_OPERATIONAL)
 
     def heartbeat_age(self, now: float) -> float:
         """Return the time since the last heartbeat, s."""

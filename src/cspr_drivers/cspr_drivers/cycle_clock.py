@@ -21,10 +21,15 @@ class CycleClock:
     tick
         What is called, in this clock's own thread, with the monotonic time, s. What it raises ends the
         thread.
+
+    Attributes
+    ----------
+    period
+        Time between two calls, s.
     """
 
     def __init__(self, period: float, tick: Callable[[float], None]) -> None:
-        self._period = period
+        self.period = period
         self._tick = tick
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="cycle clock", daemon=True)
@@ -70,9 +75,9 @@ class CycleClock:
                 now = clock.monotonic()
             self._worst_lateness = max(self._worst_lateness, now - due)
             self._tick(now)
-            due += self._period
+            due += self.period
             behind = clock.monotonic() - due
-            if behind > self._period:
-                left_out = int(behind / self._period)
+            if behind > self.period:
+                left_out = int(behind / self.period)
                 self._skipped += left_out
-                due += left_out * self._period
+                due += left_out * self.period

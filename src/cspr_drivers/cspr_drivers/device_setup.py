@@ -45,6 +45,8 @@ class DriveFacts:
         Velocity, rad/s, of one unit of 606Ch; `None` where it is not asked for.
     emergency_stop
         Whether its input for the emergency stop is active.
+    error_code, error_register
+        Its last error (603Fh) and the errors that are present (1001h): messages of before nobody has heard.
     written
         Settings that had to be written, 0 when it was configured already.
     """
@@ -52,6 +54,8 @@ class DriveFacts:
     rated_current: float | None
     velocity_unit: float | None
     emergency_stop: bool
+    error_code: int
+    error_register: int
     written: int
 
 
@@ -68,6 +72,7 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     DeviceError
         If it does not answer, refuses something, or has another scale than configured.
     """
+    device.leave_stopped()
     device.identify((drive_type(),))
     _identify(device, drive.identity)
     device.check(drive_scale(drive))
@@ -81,26 +86,50 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.set(wrong)
     device.wait_for(drive_mode())
+    code = device.read_if_present(Parameter(0x603F, 0, 16, 0, "error code")) or 0
+    register = device.read_if_present(Parameter(0x1001, 0, 8, 0, "error register")) or 0
     _start(device)
-    return DriveFacts(current, unit, _emergency_stop(device, config), len(wrong))
+    return DriveFacts(current, unit, _emergency_stop(device, config), code, register, len(wrong))
 
 
-def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> int:
-    """Do the same for an amplifier; return how many settings had to be written.
+@dataclass(frozen=True)
+class LoadCellFacts:
+    """What an amplifier says about itself when it is taken in.
+
+    Attributes
+    ----------
+    span
+        Process values between which it measures (9148h, 9149h), both `None` when it does not say.
+    written
+        Settings that had to be written, 0 when it was configured already.
+    """
+
+    span: tuple[int | None, int | None]
+    written: int
+
+
+def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> LoadCellFacts:
+    """Do the same for an amplifier.
 
     Raises
     ------
     WrongDeviceError, DeviceError
         As `set_up_drive`.
     """
+    device.leave_stopped()
     device.identify((load_cell_type(),))
     _identify(device, cell.identity)
     wrong = _differing(device, load_cell_settings(config, cell), unused_load_cell_pdos())
     if wrong:
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.set(wrong)
+    ends = [
+        Parameter(0x9148, 1, 32, 0, "AI span start", signed=True),
+        Parameter(0x9149, 1, 32, 0, "AI span end", signed=True),
+    ]
+    low, high = map(device.read_if_present, ends)
     _start(device)
-    return len(wrong)
+    return LoadCellFacts((low, high), len(wrong))
 
 
 def _identify(device: CanopenDevice, identity: Identity | None) -> None:

@@ -23,7 +23,7 @@ from cspr_drivers.drive_group import IN_MOTION, DriveGroup, GroupState
 from cspr_drivers.drive_report import DriveReport, MotorStates
 from cspr_drivers.drive_status import DriveStatus
 from cspr_drivers.emergency import Emergency
-from cspr_drivers.errors import BusError, DeviceError
+from cspr_drivers.errors import BusError, ConfigurationError, DeviceError
 from cspr_drivers.frame_table import (
     POSITION_ACTUAL,
     STATUS_WORD,
@@ -31,6 +31,7 @@ from cspr_drivers.frame_table import (
     FunctionCode,
     cob_id,
 )
+from cspr_drivers.home_position import store_home, with_home
 from cspr_drivers.motor_speed import PositionDifference
 from cspr_drivers.torque_frames import torque_frames
 
@@ -81,6 +82,7 @@ class DriveMaster:
         self._angles = [0.0] * count
         self._torques = [0.0] * count
         self._sync_time = 0.0
+        self._cycle_end = 0.0  # until when commands that answer this cycle's states are fresh
         self._sync_stamp = 0
         self._published_stamp = 0
         self._command_stamps = [0] * count
@@ -203,7 +205,7 @@ class DriveMaster:
                 return  # the torque stays what it was when the fault came, until the brakes hold
             frame = self._frames[index]
             frame.torque = self._config.drives[index].units.per_mille(torque)
-            if frame.send(self._group.control_words[index], self._sync_time + self._config.period):
+            if frame.send(self._group.control_words[index], self._cycle_end):
                 self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=clock.monotonic())
 
     def reject_command(self, index: int, problem: str) -> None:
@@ -239,6 +241,42 @@ class DriveMaster:
         """Begin to reset faults and the latched cause, or the fault of one drive; return why not when refused."""
         with self._lock:
             return self._group.fault_reset(clock.monotonic(), index)
+
+    def set_home(self) -> str | None:
+        """Take the present pose as the home pose and store it in the configuration file; return why not.
+
+        The encoders go on counting as they do: the position value at which the motor angle is zero changes. Only at
+        rest, for a controller would take the jump of the angle for motion.
+        """
+        with self._lock:
+            now = clock.monotonic()
+            if self._group.state in IN_MOTION:
+                return f"the drives are {self._group.state.value}: disable them first"
+            for index, drive in enumerate(self._group.drives):
+                if (
+                    drive.state is None
+                    or self._group.feedback_age(index, now) > self._config.timeouts.feedback
+                ):
+                    return f"{drive.name} does not report its position"
+                if not drive.held:
+                    return f"the brake of {drive.name} is open"
+            counts = [
+                drive.units.counts(angle)
+                for drive, angle in zip(self._config.drives, self._angles, strict=True)
+            ]
+            try:
+                store_home(self._config, counts)
+            except ConfigurationError as error:
+                return str(error)
+            self._config = with_home(self._config, counts)
+            if self._speed is not None:
+                self._speed.clear()
+            return None
+
+    @property
+    def config(self) -> CanConfig:
+        """The configuration in use."""
+        return self._config
 
     def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
         """Return state and cause of the group, and the state of each drive."""
@@ -307,6 +345,7 @@ class DriveMaster:
     def _begin_cycle(self, now: float, stamp_ns: int) -> None:
         self._cycle.sync(counted=self._group.state is GroupState.ENABLED)
         self._sync_time = now
+        self._cycle_end = now + self._clock.period
         self._sync_stamp = stamp_ns
 
     def _feedback(self, index: int, data: bytes | bytearray, now: float) -> None:
@@ -407,6 +446,9 @@ class DriveMaster:
         with self._lock:
             self._facts[index] = facts
             self._group.configured(index)
+            if facts.error_register:
+                past = Emergency(facts.error_code, facts.error_register, bytes(5), clock.monotonic())
+                self._group.emergency(index, past)
             self._group.emergency_stop(index, facts.emergency_stop, clock.monotonic())
 
     def _may_configure(self) -> bool:

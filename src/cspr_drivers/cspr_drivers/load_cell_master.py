@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from cspr_drivers import clock
 from cspr_drivers.can_bus import CanPorts
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
@@ -14,9 +16,13 @@ from cspr_drivers.cia404 import status_text
 from cspr_drivers.commissioning import Commissioning
 from cspr_drivers.device_parameters import load_cell_tare
 from cspr_drivers.device_setup import set_up_load_cell
+from cspr_drivers.emergency import ActiveErrors, Emergency, after
 from cspr_drivers.errors import DeviceError
 from cspr_drivers.frame_table import INPUT_STATUS, PROCESS_VALUE, FunctionCode, cob_id
+from cspr_drivers.stuck_cells import StuckCells
 from cspr_drivers.tension_cycle import TensionCycle, TensionStatistics
+
+_SATURATED = "at the end of its measuring range"
 
 NO_SYNC = 1.0  # s without SYNC after which its absence is reported
 
@@ -33,6 +39,10 @@ class LoadCellReport:
         Of the cycles since the driver started.
     not_configured
         Devices that are not configured, with the reason.
+    problems
+        What is wrong with a cell, in words; only cells with a problem, by name.
+    errors
+        Of each cell, that it has reported by emergency messages and not taken back.
     tare_result
         Outcome of the last taring, empty before it.
     """
@@ -40,6 +50,8 @@ class LoadCellReport:
     sync_age: float | None
     statistics: TensionStatistics
     not_configured: dict[str, str]
+    problems: dict[str, str]
+    errors: tuple[ActiveErrors, ...]
     tare_result: str
 
 
@@ -71,7 +83,13 @@ class LoadCellMaster:
         self._publish = publish
         self._report = report
         self._lock = threading.Lock()
+        count = len(config.load_cells)
         self._cycle = TensionCycle([cell.name for cell in config.load_cells])
+        self._stuck = StuckCells(count, config.load_cell_checks)
+        self._heard = [-math.inf] * count
+        self._status = [""] * count  # of the newest value of each cell, empty when it is valid
+        self._spans: list[tuple[float, float]] = [(-math.inf, math.inf)] * count
+        self._errors: list[ActiveErrors] = [()] * count
         self._sync_time: float | None = None
         self._tare_result = ""
         self._stopped = False
@@ -88,6 +106,7 @@ class LoadCellMaster:
                 cell.node_id,
                 config.timeouts.sdo,
                 on_boot=partial(self._commissioning.request, index, "restarted"),
+                on_emergency=partial(self._emergency, index),
             )
             for index, cell in enumerate(config.load_cells)
         ]
@@ -139,22 +158,52 @@ class LoadCellMaster:
         return refusal
 
     def watch(self, now: float) -> None:
-        """Have amplifiers whose heartbeat is missing configured again. Called about once a second."""
+        """Have amplifiers configured again that are silent or not operational. Called about once a second."""
         waiting = self._commissioning.problems
+        times = self._config.timeouts
         for index, device in enumerate(self._devices):
             age = device.heartbeat_age(now)
-            if device.name not in waiting and age > self._config.timeouts.heartbeat_consumer:
+            if device.name in waiting:
+                continue
+            if age > times.heartbeat_consumer:
                 reason = f"no heartbeat for {1e3 * age:.0f} ms"
-                self._report(f"{device.name}: {reason}")
-                self._commissioning.request(index, reason)
+            elif state := device.not_operational(grace=times.heartbeat_producer):
+                reason = f"left NMT operational, it is {state}"
+            else:
+                continue
+            self._report(f"{device.name}: {reason}")
+            self._commissioning.request(index, reason)
+
+    def problems(self, now: float) -> dict[str, str]:
+        """Return what is wrong with cells, by name; empty when all is well."""
+        waiting = self._commissioning.problems
+        silence = self._config.timeouts.feedback
+        found = {}
+        with self._lock:
+            synchronous = self._sync_time is not None and now - self._sync_time < silence
+            for index, cell in enumerate(self._config.load_cells):
+                if (problem := waiting.get(str(cell))) is not None:
+                    found[cell.name] = problem
+                elif synchronous and now - self._heard[index] > silence:
+                    found[cell.name] = "silent"
+                elif self._status[index]:
+                    found[cell.name] = self._status[index]
+                elif index in self._stuck.stuck:
+                    found[cell.name] = "stuck: its value does not change while others do"
+                elif self._errors[index]:
+                    found[cell.name] = f"reports {self._errors[index][-1].text}"
+        return found
 
     def snapshot(self, now: float) -> LoadCellReport:
         """Return the present state."""
+        problems = self.problems(now)
         with self._lock:
             return LoadCellReport(
                 None if self._sync_time is None else now - self._sync_time,
                 self._cycle.statistics(),
                 self._commissioning.problems,
+                problems,
+                tuple(self._errors),
                 self._tare_result,
             )
 
@@ -163,18 +212,30 @@ class LoadCellMaster:
         self._cycle.sync(stamp_ns)
 
     def _measured(self, index: int, data: bytes | bytearray, now: float) -> None:
-        del now
         values = self._config.pdo.load_cell_tpdo.decode(data)
-        tension = self._config.load_cells[index].units.tension(values[self._value_place])
-        status = values[self._status_place]
+        value, status = values[self._value_place], values[self._status_place]
+        tension = self._config.load_cells[index].units.tension(value)
+        low, high = self._spans[index]
+        problem = status_text(status) if status else "" if low < value < high else _SATURATED
         with self._lock:
-            complete = self._cycle.measured(index, tension, status_text(status) if status else "")
+            self._heard[index] = now
+            self._status[index] = problem
+            complete = self._cycle.measured(index, tension, problem)
+            if complete is not None:
+                self._stuck.observe(now, complete.tensions)
         if complete is not None:
             self._publish(complete.stamp_ns, complete.tensions)
 
     def _configure(self, index: int) -> None:
         """Bring an amplifier from wherever it is to NMT operational; run by the commissioning thread."""
-        set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
+        facts = set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
+        low, high = facts.span
+        self._spans[index] = (-math.inf if low is None else low, math.inf if high is None else high)
+
+    def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
+        with self._lock:
+            message = Emergency(code, register, data, clock.monotonic())
+            self._errors[index] = after(self._errors[index], message)
 
     def _tare(self) -> None:
         result = "all load cells tared"

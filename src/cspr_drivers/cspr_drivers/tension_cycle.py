@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from cspr_drivers.cycle import AnswerCounts, Cycle
+
 
 @dataclass(frozen=True)
 class CompleteTensions:
@@ -26,6 +28,8 @@ class TensionStatistics:
         Those of them without a valid value of every cell.
     missing
         Cycles without a valid value, of each cell that has any.
+    answers
+        Of each cell, valid or not.
     problems
         What is wrong with a cell now: it is silent, or its status in words. Only cells with a problem.
     """
@@ -34,6 +38,7 @@ class TensionStatistics:
     incomplete_cycles: int
     missing: dict[str, int]
     problems: dict[str, str]
+    answers: tuple[AnswerCounts, ...]
 
 
 class TensionCycle:
@@ -56,6 +61,7 @@ class TensionCycle:
         self._incomplete = 0
         self._missing = [0] * len(self._names)
         self._problems: dict[str, str] = {}
+        self._answers = Cycle(len(self._names))
 
     def sync(self, stamp_ns: int) -> None:
         """End the present cycle and begin the next, whose SYNC has this stamp."""
@@ -67,6 +73,7 @@ class TensionCycle:
                 self._note_missing()
             elif self._problems:
                 self._problems = {}
+        self._answers.sync(counted=False)
         self._stamp = stamp_ns
         self._values = [None] * len(self._names)
         self._invalid = {}
@@ -84,8 +91,10 @@ class TensionCycle:
         problem
             Why the value is not valid, empty when it is.
         """
-        if self._stamp is None or self._values[index] is not None:
+        # A value that answers an earlier SYNC would be taken for the tension at this one.
+        if self._stamp is None or self._answers.is_late(index) or self._values[index] is not None:
             return None
+        self._answers.feedback(index, 0.0)
         if problem:
             self._invalid[index] = problem
             return None
@@ -111,7 +120,9 @@ class TensionCycle:
     def statistics(self) -> TensionStatistics:
         """Return the counts so far."""
         missing = {name: count for name, count in zip(self._names, self._missing, strict=True) if count}
-        return TensionStatistics(self._cycles, self._incomplete, missing, dict(self._problems))
+        return TensionStatistics(
+            self._cycles, self._incomplete, missing, dict(self._problems), self._answers.statistics().answers
+        )
 
     def _note_missing(self) -> None:
         problems = {}

@@ -17,7 +17,6 @@ from .kernels.tension_batch import (
     CENTROID,
     CLOSEST,
     MINIMUM_NORM,
-    assess_kernel,
     distribute_batch,
 )
 from .kernels.tension_kernels import SINGULAR
@@ -109,28 +108,33 @@ def distribute_tensions(
         raise InvalidInputError(
             "method", method, f"for at most {_MOST_CABLES_WITH_CENTROID} cables, not {m}; use analytic_center"
         )
-    batch = broadcast_batch(wrench_matrix=A.shape[:-2], wrench=w.shape[:-1])
+    batch = A.shape[:-2]
+    if w.shape[:-1] != batch:
+        batch = broadcast_batch(wrench_matrix=batch, wrench=w.shape[:-1])
     shape, n = (*batch, m), math.prod(batch)
     problem = _stacked(A, batch, 6, m), _stacked(w, batch, 6), *_limits(t_min, t_max, shape)
+    preferences = _per_cable("reference", reference, shape), _checked_weights(weights)
     tensions, direction, separation = np.empty((n, m)), np.empty((n, 6)), np.empty(n)
     status, steps = np.empty(n, np.int64), np.empty(n, np.int64)
-    answer: list[Any] = [tensions, status, steps, direction, separation]
-    preferences = _per_cable("reference", reference, shape), _checked_weights(weights)
-    singular: list[int] = []
-
-    def work(first: int, after_last: int) -> None:
-        singular.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
-
-    in_chunks(work, n, threads)
-    if any(singular):
-        checked("wrench_matrix", A)
-        raise _singular(problem[0], status, batch)
     residual_wrench, residual, margin = np.empty((n, 6)), np.empty(n), np.empty(n)
     active, feasible = np.empty((n, m), np.int8), np.empty(n, np.bool_)
-    appraisal: list[Any] = [residual_wrench, residual, margin, active, feasible]
-    if not assess_kernel(*problem, tensions, status, *appraisal):
-        checked("wrench", w)
-        checked("wrench_matrix", A)
+    answer: list[Any] = [tensions, status, steps, direction, separation]
+    answer += [residual_wrench, residual, margin, active, feasible]
+
+    def work(first: int, after_last: int) -> None:
+        done.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
+
+    done: list[tuple[int, bool]] = []
+    if threads == 1:
+        work(0, n)
+    else:
+        in_chunks(work, n, threads)
+    for singular, finite in done:
+        if singular or not finite:
+            checked("wrench", w)
+            checked("wrench_matrix", A)
+        if singular:
+            raise _singular(problem[0], status, batch)
     return TensionResult(
         in_batch(tensions, batch),
         in_batch(feasible, batch),

@@ -180,6 +180,19 @@ class Scanner:
             raise ValueError("a string in the message has no end")
         return data[:-1].decode()
 
+    def byte(self) -> int:
+        """Read an unsigned integer of 8 bits, or a bool."""
+        return self._take(1, alignment=1)[0]
+
+    def integer(self) -> int:
+        """Read a signed integer of 64 bits."""
+        return int.from_bytes(self._take(8, alignment=8), "little", signed=True)
+
+    def double(self) -> float:
+        """Read a double."""
+        value: float = struct.unpack("<d", self._take(8, alignment=8))[0]
+        return value
+
     def skip_time(self) -> None:
         """Pass over a Time or Duration."""
         self._take(8, alignment=4)

@@ -43,6 +43,9 @@ _CHUNK: Final = struct.Struct(
 _FOOTER: Final = struct.Struct("<QQI")  # start of the summary, of its offsets, CRC
 
 
+_NOTHING: Final = MessageBlock(np.empty(0, dtype=np.uint8), np.empty(0, dtype=np.int64))
+
+
 class _DamageError(ValueError):
     """What a chunk holds cannot be had."""
 
@@ -105,6 +108,7 @@ class McapFile:
         self.regions: list[Region] = []
         self.damage: str | None = None
         self.missing: Counter[int] = Counter()
+        self._zstd = zstandard.ZstdDecompressor()  # making one costs as much as a small chunk
         self._map = _open(path)
         self._data = memoryview(self._map)
         try:
@@ -151,16 +155,15 @@ class McapFile:
 
     def block(self, region: Region, channels: Collection[int]) -> MessageBlock:
         """Return the messages of some channels in a region; none, with a warning, if it is damaged."""
-        nothing = np.empty(0, dtype=np.uint8), np.empty(0, dtype=np.int64)
         if region.damaged or not any(region.counts[channel] for channel in channels):
-            return MessageBlock(*nothing)
+            return _NOTHING
         try:
-            records = self._records(region)
+            records = self.contents(region)
             block = self._indexed(region, records, channels)
             return block or MessageBlock(records, message_offsets(records, channels))
         except ValueError as error:
             self._miss(region, error)
-            return MessageBlock(*nothing)
+            return _NOTHING
 
     def _indexed(
         self, region: Region, records: NDArray[np.uint8], channels: Collection[int]
@@ -286,7 +289,7 @@ class McapFile:
         region.counts.clear()
         region.indexes.clear()
         try:
-            for opcode, _, content in walk(self._records(region)):
+            for opcode, _, content in walk(self.contents(region)):
                 if opcode == Opcode.MESSAGE:
                     region.counts[_MESSAGE.unpack_from(content)[0]] += 1
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -294,7 +297,7 @@ class McapFile:
         except ValueError:  # the last chunk may have the right length and not yet its contents
             region.damaged = True
 
-    def _records(self, region: Region) -> NDArray[np.uint8]:
+    def contents(self, region: Region) -> NDArray[np.uint8]:
         """Return the records inside a region.
 
         Raises
@@ -309,12 +312,22 @@ class McapFile:
             _, _, size, checksum, named = _CHUNK.unpack_from(content)
             name = bytes(content[_CHUNK.size : _CHUNK.size + named]).decode("ascii")
             data = content[_CHUNK.size + named + 8 :]
-            records = _decompress(name, data, size)
+            records = self._decompress(name, data, size)
         except Exception as error:  # each decompressor reports damage with a class of its own
             raise _DamageError(str(error)) from error
         if len(records) != size or (checksum and zlib.crc32(records) != checksum):
             raise _DamageError("its checksum is wrong")
         return np.frombuffer(records, np.uint8)
+
+    def _decompress(self, name: str, data: memoryview, size: int) -> bytes | memoryview:
+        if name == "zstd":
+            return self._zstd.decompress(data, max_output_size=size)
+        if name == "lz4":
+            records: bytes = lz4.frame.decompress(data)
+            return records
+        if name:
+            raise ValueError(f"it is compressed by {name!r}, which is not known here")
+        return data
 
     def _describe(self, gaps: list[tuple[int, int]], end: int | None) -> str:
         size, number = len(self._data), self.counts.total()
@@ -339,14 +352,3 @@ def _open(path: Path) -> mmap.mmap:
         raise BagError(f"cannot open {path}: {error.strerror}") from error
     except ValueError as error:  # what has no bytes cannot be mapped
         raise BagError(f"{path} is empty: nothing was recorded") from error
-
-
-def _decompress(name: str, data: memoryview, size: int) -> bytes | memoryview:
-    if name == "zstd":
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    if name == "lz4":
-        records: bytes = lz4.frame.decompress(data)
-        return records
-    if name:
-        raise ValueError(f"it is compressed by {name!r}, which is not known here")
-    return data

@@ -38,6 +38,7 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 
 _CHUNK_SIZE: Final = 1024 * 1024
 _MESSAGE: Final = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_MESSAGE_OPCODE: Final = int(Opcode.MESSAGE)
 _MESSAGE_FIELDS: Final = 22  # bytes of a message's record besides its data
 _FOOTER: Final = struct.Struct("<BQQQ")
 
@@ -117,7 +118,7 @@ class McapWriter:
         """Put a message into the chunk in progress."""
         length = _MESSAGE_FIELDS + len(data)
         self._parts.append(
-            _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence & 0xFFFFFFFF, log_time, publish_time)
+            _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, sequence & 0xFFFFFFFF, log_time, publish_time)
         )
         self._parts.append(data)
         index = self._indexes.get(channel)

@@ -19,7 +19,9 @@ _HEAD: Final = np.dtype(
     ]
 )
 _LENGTH_END: Final = 9  # bytes of a record up to the end of its length
+_BEGIN: Final = _LENGTH_END + 2  # ... up to the end of its channel
 _OVERHEAD: Final = _HEAD.itemsize - _LENGTH_END
+_MESSAGE: Final = int(Opcode.MESSAGE)
 
 
 class MessageBlock:
@@ -46,18 +48,45 @@ class MessageBlock:
     def __init__(self, records: NDArray[np.uint8], offsets: NDArray[np.int64]) -> None:
         self._records = records
         self._offsets = offsets
-        self._heads = heads = _take(records, offsets, _HEAD)
+        self.uniform_size: int | None = None
+        self._step = 0  # bytes between two messages that follow one another without anything between
+        chain = self._chain() if len(offsets) > 1 else None
+        self._heads: NDArray[np.void] = _take(records, offsets, _HEAD) if chain is None else chain
+        if chain is not None or not len(offsets):
+            return
+        heads = self._heads
         # Nearly always all messages are of one topic and size: then one comparison checks all of them.
-        begins = heads.view(np.uint8).reshape(len(heads), _HEAD.itemsize)[:, : _LENGTH_END + 2]
-        self.uniform_size = int(self.sizes[0]) if len(heads) and (begins == begins[0]).all() else None
-        if self.uniform_size is None:
-            wrong = (heads["opcode"] != Opcode.MESSAGE).any() or (self.sizes < 0).any()
-            outside = (offsets + _HEAD.itemsize + self.sizes > len(records)).any()
+        if _alike(heads.view(np.uint8).reshape(len(heads), _HEAD.itemsize)):
+            opcode, length = int(heads["opcode"][0]), int(heads["length"][0])
+            right = opcode == _MESSAGE and length >= _OVERHEAD
+            inside = int(offsets.max()) + _LENGTH_END + length <= len(records)
+            self.uniform_size = length - _OVERHEAD
         else:
-            wrong = heads["opcode"][0] != Opcode.MESSAGE or self.uniform_size < 0
-            outside = offsets.max() + _HEAD.itemsize + self.uniform_size > len(records)
-        if wrong or outside:
+            right = bool((heads["opcode"] == _MESSAGE).all() and (self.sizes >= 0).all())
+            inside = bool((offsets + _HEAD.itemsize + self.sizes <= len(records)).all())
+        if not (right and inside):
             raise ValueError("the index of a chunk points to what is no message")
+
+    def _chain(self) -> NDArray[np.void] | None:
+        """Return the heads, viewed and not copied, if the messages are alike and follow one another directly."""
+        offsets, number = self._offsets, len(self._offsets)
+        first, step = int(offsets[0]), int(offsets[1]) - int(offsets[0])
+        if (
+            first < 0
+            or step < _HEAD.itemsize
+            or int(offsets[-1]) != first + (number - 1) * step
+            or first + number * step > len(self._records)
+        ):
+            return None
+        heads: NDArray[np.void] = np.ndarray((number,), _HEAD, self._records, first, (step,))
+        opcode, length, *_ = heads[0].item()
+        # each head that says what the first one says leads to the next one: the index need not be believed
+        if opcode != _MESSAGE or _LENGTH_END + length != step:
+            return None
+        if not _alike(np.ndarray((number, _BEGIN), np.uint8, self._records, first, (step, 1))):
+            return None
+        self._step, self.uniform_size = step, length - _OVERHEAD
+        return heads
 
     @property
     def sizes(self) -> NDArray[np.int64]:
@@ -112,7 +141,11 @@ class MessageBlock:
 
     def copy_to(self, rows: NDArray[np.void]) -> None:
         """Copy the data of all messages into `rows`, shape (n,), whose items are of their uniform size."""
-        rows[:] = _windows(self._records, rows.dtype)[self._offsets + _HEAD.itemsize]
+        if self._step:
+            start = int(self._offsets[0]) + _HEAD.itemsize
+            rows[:] = np.ndarray((len(self),), rows.dtype, self._records, start, (self._step,))
+        else:
+            rows[:] = _windows(self._records, rows.dtype)[self._offsets + _HEAD.itemsize]
 
     def selected(self, mask: NDArray[np.bool_]) -> "MessageBlock":
         """Return the block of those messages for which `mask` is true."""
@@ -124,7 +157,7 @@ class MessageBlock:
         fields = (self.channels, self.sequences, self.log_times, self.publish_times)
         for head, data in zip(zip(*(field.tolist() for field in fields), strict=True), self, strict=True):
             changed = change(data)
-            row = np.array((Opcode.MESSAGE, _OVERHEAD + len(changed), *head), _HEAD)
+            row = np.array((_MESSAGE, _OVERHEAD + len(changed), *head), _HEAD)
             parts += [row.tobytes(), changed]
             offsets.append(end)
             end += _HEAD.itemsize + len(changed)
@@ -135,7 +168,7 @@ def message_offsets(records: NDArray[np.uint8], channels: Collection[int]) -> ND
     """Return where the messages of some channels begin, by walking through all records."""
     offsets = []
     for opcode, start, content in walk(records):
-        if opcode == Opcode.MESSAGE and int.from_bytes(content[:2], "little") in channels:
+        if opcode == _MESSAGE and int.from_bytes(content[:2], "little") in channels:
             offsets.append(start)
     return np.array(offsets, dtype=np.int64)
 
@@ -168,6 +201,12 @@ def _take(records: NDArray[np.uint8], offsets: NDArray[np.int64], dtype: np.dtyp
         return _windows(records, raw)[offsets].view(dtype)
     except IndexError as error:
         raise ValueError("a message lies outside its chunk") from error
+
+
+def _alike(heads: NDArray[np.uint8]) -> bool:
+    """Return whether opcode, length and channel, at the begin of each row, are the same in all rows."""
+    begins = heads[:, :_BEGIN]
+    return bool((begins == begins[0]).all())
 
 
 def _windows(records: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:

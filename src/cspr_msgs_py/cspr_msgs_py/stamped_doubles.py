@@ -6,9 +6,9 @@ PoseStamped has seven of them (position, quaternion), InertiaStamped ten (mass, 
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from cspr_msgs_py.cdr import Bytes, Scanner, Template
+from cspr_msgs_py.cdr import Bytes, Scanner, Template, pack_time
 
 _DOUBLE: Final = np.dtype("<f8")
 
@@ -39,6 +39,19 @@ class StampedDoublesCodec:
         if not codec.matches(buffer):
             raise ValueError(f"{len(buffer)} bytes are not a header and {number} doubles")
         return codec
+
+    def encode(self, stamp_ns: int, values: ArrayLike) -> bytes:
+        """Return the message as CDR.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many values as the layout has, or the stamp does not fit the message.
+        """
+        array = np.asarray(values, dtype=_DOUBLE)
+        if array.shape != (self._number,):
+            raise ValueError(f"the message has {self._number} doubles behind its header, not {array.shape}")
+        return self._frame.encode(pack_time(stamp_ns), array.tobytes())
 
     def matches(self, buffer: Bytes) -> bool:
         """Return whether `buffer` is a message of this layout."""

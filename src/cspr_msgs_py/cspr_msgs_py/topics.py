@@ -73,6 +73,7 @@ MULTI_DOF_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
@@ -171,7 +172,22 @@ RECORDER_STATE = _latched(
     "recorder",
     "message = state of the recording: recording, paused, failed; values: bag, cause",
 )
+LOAD_CELL_STATES = _latched(
+    "/load_cell_states",
+    DIAGNOSTIC_ARRAY,
+    Rate.ON_CHANGE,
+    "load_cells",
+    "also once a second: first the driver as a whole (message: ok or fault; values: cause), then one status a cable: "
+    "message = ok, or what is wrong with its load cell",
+)
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
+ROBOT_MARKERS = _reliable(
+    "/robot_markers",
+    MARKER_ARRAY,
+    10.0,
+    "robot_markers",
+    "frame, platform, cables coloured by tension, payload and trajectory as markers in base, for RViz and Foxglove",
+)
 EVENTS = _reliable(
     "/events",
     STRING,
@@ -232,8 +248,10 @@ def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
         TRAJECTORY_STATE,
         DRIVE_STATES,
         RECORDER_STATE,
+        LOAD_CELL_STATES,
         DIAGNOSTICS,
         EVENTS,
+        ROBOT_MARKERS,
         SIMULATED_PAYLOAD,
         SET_SIMULATED_PAYLOAD,
     )

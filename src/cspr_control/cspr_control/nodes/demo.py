@@ -8,10 +8,15 @@ import math
 import os
 import signal
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
 
+from cspr_control.analysis.recording import read_recording
+from cspr_control.analysis.results import default_directory, write_results
+from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.child_processes import ChildProcesses
 from cspr_control.demo_scenario import (
     CONTROLLERS,
@@ -30,6 +35,7 @@ PACKAGES = {
     "simulated_robot": "cspr_drivers.nodes.simulated_robot",
     "control": "cspr_control.nodes.control",
     "recorder": "cspr_msgs_py.nodes.recorder",
+    "robot_markers": "cspr_control.nodes.robot_markers",
 }
 DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and say how well it did.
@@ -37,7 +43,7 @@ Run the complete node graph on a simulated robot, record it, and say how well it
 Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
 moves to the start of the trajectory, follows it with a payload that the controller has not been told of, takes up
 another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
-bag/ (MCAP), config/ (what was used), log/, summary.json."""
+bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""
 EPILOG = """\
 examples:
   demo                                         the feed-forward with the estimated mass, 100 kg aboard, +100 kg at 3 s
@@ -58,6 +64,7 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault("ROS_DOMAIN_ID", "33")
     chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
     summaries: list[RunSummary] = []
+    analyses: list[RunAnalysis] = []
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -75,12 +82,14 @@ def main(args: list[str] | None = None) -> int:
                 options.speed,
             )
             directory = _new_run_directory(Path(options.runs))
-            summary = _run(scenario, directory, Path(options.config))
+            summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
             summaries.append(summary)
+            analyses.append(analysis)
             print(f"\n{format_summary(summary)}")
             if options.speed < 1.0:
                 print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
-            print(f"  recorded in           {directory}\n")
+            print(f"  recorded in           {directory}", flush=True)
+            _report([analysis], figures=not options.compare)
     except KeyboardInterrupt:
         print(
             "demo: interrupted; brakes are closed, every process has ended, the bag is readable",
@@ -92,6 +101,7 @@ def main(args: list[str] | None = None) -> int:
         return 1
     if options.compare:
         print(format_comparison(summaries))
+        _report(analyses)
     return 0
 
 
@@ -131,6 +141,11 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "--speed", type=_speed, default=1.0, metavar="FACTOR",
         help="pace of the simulated machine, 0.1 to 1, for a computer that is too slow for it; default: %(default)s",
     )  # fmt: skip
+    parser.add_argument(
+        "--markers",
+        action="store_true",
+        help="also publish /robot_markers, for RViz and Foxglove (config/views)",
+    )
     parser.add_argument(
         "--config", default="config", metavar="DIR", help="configuration; default: %(default)s"
     )
@@ -216,7 +231,7 @@ def _new_run_directory(runs: Path) -> Path:
     return directory
 
 
-def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
+def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tuple[RunSummary, RunAnalysis]:
     config = directory / "config"
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
@@ -233,6 +248,10 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
             children.start("recorder", PACKAGES["recorder"], recording)
             children.start("simulated_robot", PACKAGES["simulated_robot"], simulating)
             children.start("control", PACKAGES["control"], controlling)
+            if markers:
+                children.start(
+                    "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
+                )
             run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
             run.call("/supervisor/enable", 20.0)
             run.wait("enabling", lambda: client.robot_state == "enabled", 10.0, lambda: client.robot_message)
@@ -258,9 +277,9 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
             raise
         finally:
             progress.end()
+    recorded = read_recording(directory / "bag", configuration_directory=config)
     summary = summarise_run(
-        directory / "bag",
-        window_ns=(start, end),
+        recorded,
         controller=scenario.controller,
         exact_mass=scenario.exact_mass,
         trajectory=scenario.trajectory,
@@ -269,7 +288,18 @@ def _run(scenario: Scenario, directory: Path, source: Path) -> RunSummary:
     with open(directory / "summary.json", "w", encoding="utf-8") as file:
         json.dump(summary.as_mapping(), file, indent=2)
         file.write("\n")
-    return summary
+    return summary, analyse_recording(replace(recorded, outcome=summary.as_mapping()), summary.name)
+
+
+def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
+    """Write figures and report beside the bag, and say where; a run without them is a good run all the same."""
+    directory = default_directory([run.recording.path for run in runs])
+    try:
+        results = write_results(runs, directory, figures=figures)
+    except (ControlError, OSError) as problem:
+        print(f"  report                none: {problem}\n")
+    else:
+        print(f"  report                {os.path.relpath(results.report)}\n")
 
 
 if __name__ == "__main__":

@@ -11,25 +11,24 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
 from rclpy.node import Node
 
-from cspr_control.errors import PayloadError, SettingError
+from cspr_control.errors import PayloadError
 from cspr_control.feedforward import (
     Feedforward,
     FeedforwardModel,
     FeedforwardSettings,
     Margins,
-    PayloadSource,
     PayloadStatus,
     Setpoint,
-    checked_payload,
 )
-from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.node_parameters import FEEDFORWARD, feedforward_settings
+from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
 from cspr_control.reference import ReferencePoint
-from cspr_kinematics import Acceleration, KinematicsError, Method, Pose, Twist, bounded_methods
+from cspr_kinematics import KinematicsError
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
+from cspr_msgs_py.nodes.process import Diagnostics, advertise, run_nodes, subscribe, subscribe_raw
 from cspr_msgs_py.reference import ReferenceCodec
 from cspr_msgs_py.reference_conversion import decode_reference
 from cspr_msgs_py.topics import PAYLOAD, REFERENCE, SETPOINT, motor_names
@@ -42,9 +41,9 @@ class FeedforwardNode(Node):
         super().__init__("feedforward", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        methods = bounded_methods(robot.number_of_cables)
-        names = self._declare_settings(methods)
-        parameters = ChangeableParameters(self, names, partial(_settings, methods), self._apply)
+        names = declare_all(self, FEEDFORWARD)
+        build = partial(feedforward_settings, robot.number_of_cables)
+        parameters = ChangeableParameters(self, names, build, self._apply)
         self._robot = robot
         self._feedforward = Feedforward(robot, parameters.settings)
         self._reference_codec = ReferenceCodec()
@@ -64,66 +63,6 @@ class FeedforwardNode(Node):
         # The first computation is slower than the others; it must not fall into a control cycle.
         Feedforward(robot, parameters.settings).compute(0.0, ReferencePoint.at_rest(robot.home))
 
-    def _declare_settings(self, methods: tuple[Method, ...]) -> tuple[str, ...]:
-        default = FeedforwardSettings()
-        models = ", ".join(model.value for model in FeedforwardModel)
-        sources = ", ".join(source.value for source in PayloadSource)
-        declare(self, "model", default.model.value, f"What the torque anticipates: {models}")
-        declare(self, "payload_source", default.payload_source.value, f"Payload counted on: {sources}")
-        declare(
-            self,
-            "nominal_payload_mass",
-            default.nominal_payload.mass,
-            "Payload assumed without an estimate",
-            minimum=0.0,
-            maximum=1e5,
-            unit="kg",
-        )
-        declare(self, "nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", unit="m")
-        declare(
-            self,
-            "max_payload",
-            default.max_payload,
-            "Largest payload",
-            minimum=0.1,
-            maximum=1e5,
-            unit="kg",
-        )
-        declare(
-            self,
-            "payload_timeout",
-            default.payload_timeout,
-            "Age from which an estimate counts as stale",
-            minimum=1e-3,
-            maximum=60.0,
-            unit="s",
-        )
-        declare(
-            self,
-            "switch_slew",
-            default.switch_slew,
-            "Fastest change of a motor's torque by a switch of model, payload or tension method",
-            minimum=1e-3,
-            maximum=1e4,
-            unit="N m/s",
-        )
-        declare(
-            self,
-            "tension_method",
-            default.tension_method,
-            f"How the wrench is distributed over the cables: {', '.join(methods)}",
-        )
-        return (
-            "model",
-            "payload_source",
-            "nominal_payload_mass",
-            "nominal_payload_center",
-            "max_payload",
-            "payload_timeout",
-            "switch_slew",
-            "tension_method",
-        )
-
     def _apply(self, settings: FeedforwardSettings) -> None:
         self._feedforward.configure(settings)
 
@@ -138,12 +77,7 @@ class FeedforwardNode(Node):
     def _on_reference(self, message: bytes) -> None:
         try:
             sample = decode_reference(self._reference_codec, message)
-            reference = ReferencePoint(
-                Pose.from_quaternion(sample.position, sample.quaternion_xyzw),
-                Twist(sample.linear_velocity, sample.angular_velocity),
-                Acceleration(sample.linear_acceleration, sample.angular_acceleration),
-            )
-            setpoint = self._feedforward.compute(time.monotonic(), reference)
+            setpoint = self._feedforward.compute(time.monotonic(), ReferencePoint.of_sample(sample))
         except (MessageError, KinematicsError) as error:
             # A reference that is not finite ends here; without a set-point the motor controllers fall silent.
             self._refused_references += 1
@@ -194,35 +128,6 @@ class FeedforwardNode(Node):
                     "wrench_margin": f"{margins.wrench:.1f}",
                 }
         return [diagnostic_status(self.get_name(), level, text, values)]
-
-
-def _settings(methods: tuple[Method, ...], values: dict[str, Any]) -> FeedforwardSettings:
-    try:
-        model = FeedforwardModel(values["model"])
-        source = PayloadSource(values["payload_source"])
-    except ValueError as error:
-        raise SettingError(
-            f"{error}; models are {', '.join(m.value for m in FeedforwardModel)}, payload sources "
-            f"{', '.join(s.value for s in PayloadSource)}"
-        ) from error
-    if values["tension_method"] not in methods:
-        raise SettingError(
-            f"tension_method is {values['tension_method']!r}; for this robot there are {', '.join(methods)}"
-        )
-    return FeedforwardSettings(
-        model=model,
-        payload_source=source,
-        nominal_payload=checked_payload(
-            "nominal payload",
-            values["nominal_payload_mass"],
-            values["nominal_payload_center"],
-            values["max_payload"],
-        ),
-        max_payload=values["max_payload"],
-        payload_timeout=values["payload_timeout"],
-        switch_slew=values["switch_slew"],
-        tension_method=values["tension_method"],
-    )
 
 
 def main() -> int:

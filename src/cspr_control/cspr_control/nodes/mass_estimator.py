@@ -11,8 +11,9 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 
 from cspr_control.errors import MeasurementError
-from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
-from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
+from cspr_control.node_parameters import MASS_ESTIMATOR, estimator_settings
+from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
+from cspr_control.payload_estimation import UPDATE_PERIOD, EstimatorSettings, PayloadEstimator
 from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.conversions import Level, diagnostic_status, from_pose_stamped, inertia_stamped
@@ -22,32 +23,12 @@ from cspr_msgs_py.joint_state_conversion import decode_joint_state
 from cspr_msgs_py.nodes.process import (
     Diagnostics,
     advertise,
-    declare,
     run_nodes,
     steady_timer,
     subscribe,
     subscribe_raw,
 )
 from cspr_msgs_py.topics import CABLE_TENSIONS, PAYLOAD, PLATFORM_POSE, cable_names
-
-_PERIOD = 0.02
-"""Of the estimates, s."""
-
-_PARAMETERS = {
-    "time_constant": ("Time constant of the low-pass filter", 1e-3, 60.0, "s"),
-    "mass_rate_limit": ("Fastest change of the published mass", 0.1, 1e4, "kg/s"),
-    "center_rate_limit": ("Fastest change of the published centre of mass", 1e-3, 10.0, "m/s"),
-    "max_payload": ("Largest payload", 0.1, 1e5, "kg"),
-    "max_offset": ("Largest coordinate of the centre of mass", 1e-3, 10.0, "m"),
-    "minimum_mass": ("Payload below which no centre of mass is published", 0.1, 1e3, "kg"),
-    "payload_height": ("Assumed z of the payload's centre of mass in platform", -10.0, 10.0, "m"),
-    "slack_tension": ("Tension below which a cable counts as slack", 0.1, 1e4, "N"),
-    "max_speed": ("Speed above which the estimate is held", 1e-3, 100.0, "m/s"),
-    "max_angular_speed": ("Angular speed above which the estimate is held", 1e-3, 100.0, "rad/s"),
-    "max_sideways_ratio": ("Horizontal force over vertical above which the estimate is held", 1e-3, 10.0, ""),
-    "tensions_timeout": ("Age from which cable tensions count as stale", 1e-3, 10.0, "s"),
-    "pose_timeout": ("Age from which the platform pose counts as stale", 1e-3, 10.0, "s"),
-}
 
 
 class MassEstimatorNode(Node):
@@ -57,20 +38,8 @@ class MassEstimatorNode(Node):
         super().__init__("mass_estimator", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        default = EstimatorSettings()
-        for name, (description, minimum, maximum, unit) in _PARAMETERS.items():
-            declare(
-                self,
-                name,
-                getattr(default, name),
-                description,
-                minimum=minimum,
-                maximum=maximum,
-                unit=unit,
-            )
-        parameters = ChangeableParameters(
-            self, tuple(_PARAMETERS), lambda values: EstimatorSettings(**values), self._apply
-        )
+        names = declare_all(self, MASS_ESTIMATOR)
+        parameters = ChangeableParameters(self, names, estimator_settings, self._apply)
         self._estimator = PayloadEstimator(robot, parameters.settings)
         self._codec = JointStateCodec(cable_names(robot.number_of_cables), position=False, velocity=False)
         self._unusable = 0
@@ -79,7 +48,7 @@ class MassEstimatorNode(Node):
         subscribe_raw(self, CABLE_TENSIONS, self._on_tensions)
         subscribe(self, PLATFORM_POSE, self._on_pose)
         self._diagnostics = Diagnostics(self, self._status)
-        self._timer = steady_timer(self, _PERIOD, self._update)
+        self._timer = steady_timer(self, UPDATE_PERIOD, self._update)
 
     def _apply(self, settings: EstimatorSettings) -> None:
         self._estimator.settings = settings

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cspr_control.errors import ControlError
+from cspr_control.node_parameters import NodeParameter
 from cspr_kinematics import KinematicsError, Robot
 from cspr_msgs_py.nodes.process import declare
 
@@ -41,6 +42,13 @@ def declare_control_period(node: Node) -> float:
         read_only=True,
     )
     return 1.0 / rate
+
+
+def declare_all(node: Node, parameters: Sequence[NodeParameter]) -> tuple[str, ...]:
+    """Declare the parameters of a table and return their names."""
+    for p in parameters:
+        declare(node, p.name, p.default, p.description, minimum=p.minimum, maximum=p.maximum, unit=p.unit)
+    return tuple(p.name for p in parameters)
 
 
 class ChangeableParameters(Generic[Settings]):

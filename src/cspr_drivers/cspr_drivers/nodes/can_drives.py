@@ -68,6 +68,7 @@ class CanDrives(DriverNode):
             codec = JointStateCodec((name,), position=False, velocity=False)
             subscribe_raw(self, motor_command(index + 1), partial(self._command, index, codec))
         self._offer("~", None, "quick stop commanded")
+        self.service("~/set_home", self._set_home)
         for index, name in enumerate(names):
             self._offer(f"~/{name}", index, f"quick stop of {name} commanded")
         steady_timer(self, STATE_PERIOD, self._watch_states)
@@ -115,6 +116,15 @@ class CanDrives(DriverNode):
         self.service(f"{prefix}/disable", disable)
         self.service(f"{prefix}/quick_stop", lambda: self.master.quick_stop(quick_stop))
         self.service(f"{prefix}/fault_reset", lambda: self.master.fault_reset(index))
+
+    def _set_home(self) -> str | None:
+        refusal = self.master.set_home()
+        if refusal is None:
+            self.config = self.master.config
+            self.get_logger().warning(
+                f"the present pose is the home pose now, stored in {self.config.source}"
+            )
+        return refusal
 
     def _publish(self, states: MotorStates) -> None:
         self._states.publish(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -100,8 +100,23 @@ def _driver_diagnostics(report: DriveReport) -> DiagnosticStatus:
     return diagnostic_status("can_drives", _LEVELS.get(report.state, Level.OK), message, values)
 
 
-def load_cell_diagnostics(report: LoadCellReport) -> DiagnosticStatus:
-    """Return the health of the driver of the load cells."""
+def load_cell_states(names: Sequence[str], problems: Mapping[str, str]) -> list[DiagnosticStatus]:
+    """Return the statuses of /load_cell_states: the load cells as a whole, then each one."""
+    cause = "; ".join(f"{name}: {problem}" for name, problem in problems.items())
+    level = Level.ERROR if problems else Level.OK
+    return [
+        diagnostic_status("load_cells", level, "fault" if problems else "ok", {"cause": cause}),
+        *(
+            diagnostic_status(
+                name, Level.ERROR if name in problems else Level.OK, problems.get(name, "ok"), {}
+            )
+            for name in names
+        ),
+    ]
+
+
+def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[DiagnosticStatus]:
+    """Return the health of the driver of the load cells, then that of each cell."""
     statistics = report.statistics
     values = {
         "not_configured": "; ".join(f"{name}: {why}" for name, why in report.not_configured.items()),
@@ -115,8 +130,22 @@ def load_cell_diagnostics(report: LoadCellReport) -> DiagnosticStatus:
     elif report.sync_age is None or report.sync_age > NO_SYNC:
         problem = "no SYNC on the bus: can_drives sends it"
     else:
-        problem = "; ".join(f"{name} {why}" for name, why in statistics.problems.items())
-    return diagnostic_status("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)
+        problem = "; ".join(f"{name} {why}" for name, why in (statistics.problems | report.problems).items())
+    statuses = [
+        diagnostic_status("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)
+    ]
+    for name, counts, errors in zip(names, statistics.answers, report.errors, strict=True):
+        words = report.problems.get(name, "")
+        counters = {
+            "answered": counts.answered,
+            "late": counts.late,
+            "missing": counts.missing,
+            "errors": "; ".join(map(str, errors)),
+            "remedy": "; ".join(error.remedy for error in errors),
+        }
+        level = Level.ERROR if words else Level.OK
+        statuses.append(diagnostic_status(f"load_cells: {name}", level, words or "ok", counters))
+    return statuses
 
 
 def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
@@ -130,4 +159,6 @@ def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
         "bus_errors": port.bus_errors,
     }
     level = Level.WARN if any(counts.values()) else Level.OK
+    if port.receive_buffer is not None:
+        counts["receive_buffer_bytes"] = port.receive_buffer
     return diagnostic_status(f"{node}: bus {port.name}", level, port.last_problem or "ok", counts)

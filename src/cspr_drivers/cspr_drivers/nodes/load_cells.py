@@ -12,14 +12,21 @@ from cspr_drivers.can_bus import CanPorts
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.load_cell_master import LoadCellMaster
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
-from cspr_drivers.nodes.driver_messages import bus_status, load_cell_diagnostics, not_configured
+from cspr_drivers.nodes.driver_messages import (
+    bus_status,
+    load_cell_diagnostics,
+    load_cell_states,
+    not_configured,
+)
 from cspr_drivers.nodes.driver_node import DriverNode
 from cspr_drivers.shared_ports import SharedPorts
+from cspr_msgs_py.conversions import diagnostic_array
 from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
-from cspr_msgs_py.topics import CABLE_TENSIONS, cable_names
+from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, cable_names
 
-WATCH_PERIOD = 0.5  # s
+WATCH_PERIOD = 0.5  # s; how often heartbeats are looked at
+STATE_PERIOD = 0.02  # s; how soon a problem is on /load_cell_states
 
 
 class LoadCells(DriverNode):
@@ -45,9 +52,14 @@ class LoadCells(DriverNode):
             cable_names(len(self.config.load_cells)), position=False, velocity=False
         )
         self._tensions = advertise(self, CABLE_TENSIONS)
+        self._states = advertise(self, LOAD_CELL_STATES)
+        self._names = cable_names(len(self.config.load_cells))
+        self._published: dict[str, str] | None = None
+        self._since_published = 0.0
         self._master: LoadCellMaster | None = None
         self.service("~/tare", lambda: self.master.tare(self._tare_limit))
         steady_timer(self, WATCH_PERIOD, self._watch)
+        steady_timer(self, STATE_PERIOD, self._watch_cells)
         self._diagnostics = Diagnostics(self, self._report)
         self.autostart()
 
@@ -73,14 +85,29 @@ class LoadCells(DriverNode):
         if self._master is not None:
             self._master.watch(clock.monotonic())
 
+    def _watch_cells(self) -> None:
+        if self._master is None:
+            return
+        self._since_published += STATE_PERIOD
+        problems = self._master.problems(clock.monotonic())
+        if problems == self._published and self._since_published < 1.0:
+            return
+        self._published = problems
+        self._since_published = 0.0
+        stamp = self.get_clock().now().nanoseconds
+        self._states.publish(diagnostic_array(stamp, load_cell_states(self._names, problems)))
+
     def _publish(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self._tensions.publish(self._codec.encode(stamp_ns, effort=tensions))
 
     def _report(self) -> list[DiagnosticStatus]:
         if self._master is None:
             return [not_configured(self.get_name())]
-        status = load_cell_diagnostics(self._master.snapshot(clock.monotonic()))
-        return [status, *(bus_status("load_cells", port) for port in self.ports)]
+        report = self._master.snapshot(clock.monotonic())
+        return [
+            *load_cell_diagnostics(self._names, report),
+            *(bus_status("load_cells", port) for port in self.ports),
+        ]
 
 
 def main() -> int:

@@ -15,7 +15,6 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from cspr_drivers import clock
-from cspr_drivers.can_bus import open_ports
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
@@ -40,18 +39,18 @@ class SimulatedRobot(Node):
 
     Parameters
     ----------
+    virtual
+        Whether the devices sit on virtual buses inside this process instead of those that `can.yaml` names.
     **options
         Options of `rclpy.node.Node`.
 
     Attributes
     ----------
     config
-        `can.yaml`, with every bus a virtual one inside this process.
-    ports
-        The driver's ends of these buses.
+        `can.yaml`, with the buses on which the devices are.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, virtual: bool = True, **options: Any) -> None:
         super().__init__("simulated_robot", **options)
         clock.set_speed(
             declare(
@@ -64,7 +63,8 @@ class SimulatedRobot(Node):
                 read_only=True,
             )
         )
-        self.config = on_virtual_buses(load_config(self))
+        config = load_config(self)
+        self.config = on_virtual_buses(config) if virtual else config
         path = declare(
             self,
             "simulation_config",
@@ -82,11 +82,6 @@ class SimulatedRobot(Node):
             read_only=True,
         )
         self._emulator = RobotEmulator(self.config, simulation, _plant(simulation), eds_directory, bus_timing)
-        try:
-            self.ports = open_ports(self.config)
-        except Exception:
-            self._emulator.close()
-            raise
         self._payload = advertise(self, SIMULATED_PAYLOAD)
         subscribe(self, SET_SIMULATED_PAYLOAD, self._set_payload)
         self._refused_payloads = 0
@@ -106,8 +101,7 @@ class SimulatedRobot(Node):
         self._diagnostics = Diagnostics(self, self._report)
 
     def destroy_node(self) -> None:
-        """Destroy the node, after the drivers: buses and devices go with it."""
-        self.ports.close()
+        """Destroy the node, after the drivers: the devices go with it."""
         self._emulator.close()
         super().destroy_node()
 
@@ -196,8 +190,8 @@ def on_virtual_buses(config: CanConfig) -> CanConfig:
 def create_nodes(**options: Any) -> list[Node]:
     """Return the drivers' nodes and, last to be destroyed, the one that owns what is behind them."""
     simulated = SimulatedRobot(**options)
-    drives = CanDrives(simulated.config, simulated.ports, **options)
-    return [drives, LoadCells(simulated.config, simulated.ports, **options), simulated]
+    drives = CanDrives(simulated.config, **options)
+    return [drives, LoadCells(simulated.config, drives.shared_ports, **options), simulated]
 
 
 def _plant(simulation: SimulationConfig) -> PlantModel:

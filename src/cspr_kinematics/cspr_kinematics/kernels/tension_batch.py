@@ -46,7 +46,12 @@ def distribute_batch(
     steps: NDArray[np.int64],
     direction: FloatArray,
     separation: FloatArray,
-) -> int:
+    residual_wrench: FloatArray,
+    residual: FloatArray,
+    margin: FloatArray,
+    active: NDArray[np.int8],
+    feasible: BoolArray,
+) -> tuple[int, bool]:
     """Find tensions for wrenches `first` to `after_last` of a batch of n.
 
     Parameters
@@ -65,13 +70,20 @@ def distribute_batch(
         Receives the separating direction of each wrench out of reach of a bounded method; NaN for the others.
     separation : numpy.ndarray, shape (n,)
         Receives the distance that each of them proves; NaN for the others.
+    residual_wrench : numpy.ndarray, shape (n, 6)
+    residual, margin : numpy.ndarray, shape (n,)
+    active : numpy.ndarray of int8, shape (n, m)
+    feasible : numpy.ndarray of bool, shape (n,)
+        Receive the rest of what a `TensionResult` says.
 
     Returns
     -------
-    int
+    singular : int
         How many wrench matrices are singular.
+    finite : bool
+        Whether all wrench errors are finite, which they are not for any wrench or matrix that is not.
     """
-    singular = 0
+    singular, finite = 0, True
     for k in range(first, after_last):
         a = A[k if A.shape[0] > 1 else 0]
         b = w[k if w.shape[0] > 1 else 0]
@@ -87,57 +99,43 @@ def distribute_batch(
                 steps[k] += centroid_kernel(a, b, low, high, t)
             elif status[k] == EXACT and method == ANALYTIC_CENTER:
                 steps[k] += analytic_center_kernel(a, b, low, high, t)
-        singular += status[k] == SINGULAR
+        if status[k] == SINGULAR:
+            singular += 1
+            continue
         direction[k] = np.nan
         separation[k] = np.nan
         if status[k] == INFEASIBLE:
             gap = separating_direction_kernel(a, b, low, high, t, weights, direction[k])
             separation[k] = gap if gap > 0.0 else np.nan
-    return singular
+        residual[k], margin[k] = _assess(a, b, low, high, t, residual_wrench[k], active[k])
+        feasible[k] = margin[k] >= 0.0 and status[k] == EXACT and residual[k] <= reached_kernel(b)
+        finite &= np.isfinite(residual[k])
+    return singular, finite
 
 
 @kernel
-def assess_kernel(
+def _assess(
     A: FloatArray,
     w: FloatArray,
     t_min: FloatArray,
     t_max: FloatArray,
     tensions: FloatArray,
-    status: NDArray[np.int64],
     residual_wrench: FloatArray,
-    residual: FloatArray,
-    margin: FloatArray,
     active: NDArray[np.int8],
-    feasible: BoolArray,
-) -> bool:
-    """Write wrench error, margin to the limits, active limits and feasibility of a batch of tensions.
-
-    Returns whether all errors are finite, which they are not for any wrench or matrix that is not.
-
-    The inputs are those of `distribute_batch`; residual_wrench (n, 6), residual, margin and feasible (n,),
-    active (n, m).
-    """
-    m = tensions.shape[1]
-    finite = True
-    for k in range(tensions.shape[0]):
-        a = A[k if A.shape[0] > 1 else 0]
-        b = w[k if w.shape[0] > 1 else 0]
-        low = t_min[k if t_min.shape[0] > 1 else 0]
-        high = t_max[k if t_max.shape[0] > 1 else 0]
-        squared = 0.0
-        for row in range(6):
-            error = -b[row]
-            for i in range(m):
-                error += a[row, i] * tensions[k, i]
-            residual_wrench[k, row] = error
-            squared += error * error
-        residual[k] = np.sqrt(squared)
-        finite &= np.isfinite(squared)
-        margin[k] = np.inf
+) -> tuple[float, float]:
+    """Write wrench error (6,) and active limits (m,) of tensions; return the error's norm and their margin."""
+    m = tensions.shape[0]
+    squared = 0.0
+    for row in range(6):
+        error = -w[row]
         for i in range(m):
-            near = ACTIVE_TOLERANCE * max(abs(low[i]), abs(high[i]))
-            below, above = tensions[k, i] - low[i], high[i] - tensions[k, i]
-            margin[k] = min(margin[k], below, above)
-            active[k, i] = -1 if below <= near else (1 if above <= near else 0)
-        feasible[k] = margin[k] >= 0.0 and status[k] == EXACT and residual[k] <= reached_kernel(b)
-    return finite
+            error += A[row, i] * tensions[i]
+        residual_wrench[row] = error
+        squared += error * error
+    margin = np.inf
+    for i in range(m):
+        near = ACTIVE_TOLERANCE * max(abs(t_min[i]), abs(t_max[i]))
+        below, above = tensions[i] - t_min[i], t_max[i] - tensions[i]
+        margin = min(margin, below, above)
+        active[i] = -1 if below <= near else (1 if above <= near else 0)
+    return np.sqrt(squared), margin

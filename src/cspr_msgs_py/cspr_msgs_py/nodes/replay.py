@@ -1,6 +1,7 @@
 """Executable ``replay``: publishes a bag as it was recorded, with its timing and ``/clock``."""
 
 import argparse
+import math
 import signal
 import sys
 import time
@@ -37,8 +38,10 @@ _COMMON = {"/rosout", "/parameter_events", *(topic.name for topic in graph_topic
 
 _CLOCK_PERIOD = 0.01  # s, on the clock on the wall and in the bag's time alike
 _LOOK_PERIOD = 0.1  # s between two looks at the keyboard and the progress bar
-_CONFLICT_PERIOD = 1.0  # s between two looks for a driver
-_DISCOVERY_TIME = 1.0  # s in which the nodes that are there, and who subscribes, become known
+_CONFLICT_PERIOD = 1.0  # s between two looks for a driver, and for others who publish the same
+_DISCOVERY_TIME = 1.0  # s in which the nodes that are there become known
+_MATCHING_TIME = 5.0  # s at most until those that subscribe are connected
+_END_TIME = 0.5  # s in which the last messages arrive: with a publisher go those that nobody has taken yet
 
 DESCRIPTION = """Publish a bag as it was recorded: the same bytes on the same topics with the same quality of service
 and timing, and /clock, so that nodes with use_sim_time live in the bag's time.
@@ -126,8 +129,8 @@ class Replay:
         self._create_publishers(options.topics)
         self._stepped_by = MOTOR_STATES.name if MOTOR_STATES.name in self._publishers else None
         time.sleep(_DISCOVERY_TIME)
-        self._refuse_other_publishers()
-        self._refuse_to_drive()
+        self._refuse_conflicts()
+        self._wait_for_subscribers()
         self._pace = ReplayPace(self._start_ns, time.monotonic(), options.rate, options.paused)
 
     def run(self) -> None:
@@ -141,6 +144,7 @@ class Replay:
                 self._publish(message)
             self._show(self._bag.end_ns)
             self._ended |= not self._loop
+        time.sleep(_END_TIME)
 
     def _create_publishers(self, chosen: Sequence[str]) -> None:
         known = self._bag.topics
@@ -161,26 +165,31 @@ class Replay:
         if not self._publishers:
             raise StartError(f"no topic of {self._bag.path} can be published")
 
-    def _refuse_other_publishers(self) -> None:
+    def _refuse_conflicts(self) -> None:
+        """Refuse to speak in the name of other nodes, and to hand recorded torques to drives."""
+        node = self._node
         for name in {*self._publishers, CLOCK} - _COMMON:
-            publishers = self._node.get_publishers_info_by_topic(name)
-            others = {each.node_name for each in publishers} - {self._node.get_name()}
+            publishers = node.get_publishers_info_by_topic(name)
+            others = {each.node_name for each in publishers} - {node.get_name()}
             if others:
                 raise StartError(
                     f"{name} is published by {', '.join(sorted(others))} already: leave it out with --topics, or "
                     "replay into a graph of its own (another ROS_DOMAIN_ID)"
                 )
-
-    def _refuse_to_drive(self) -> None:
-        """Refuse to hand recorded torques to drives, whenever these appear."""
-        for name in self._publishers:
-            if name.endswith("/command") and any(
-                each.node_name == DRIVER for each in self._node.get_subscriptions_info_by_topic(name)
-            ):
+            subscribers = node.get_subscriptions_info_by_topic(name) if name.endswith("/command") else ()
+            if DRIVER in {each.node_name for each in subscribers}:
                 raise StartError(
                     f"{name} goes to the drives of a running {DRIVER}: no recorded torque may move a robot"
                 )
         self._checked = time.monotonic()
+
+    def _wait_for_subscribers(self) -> None:
+        deadline = time.monotonic() + _MATCHING_TIME
+        while time.monotonic() < deadline and any(
+            publisher.get_subscription_count() < self._node.count_subscribers(name)
+            for name, publisher in self._publishers.items()
+        ):
+            time.sleep(0.01)
 
     def _states_at_start(self) -> Iterable[Message]:
         """Return what the latched topics had said before the start: whoever subscribes is to know it."""
@@ -232,7 +241,7 @@ class Replay:
             if not self._pace.paused or key == " ":
                 self._show(self._pace.time_ns(now))
         if now - self._checked >= _CONFLICT_PERIOD:
-            self._refuse_to_drive()
+            self._refuse_conflicts()
 
     def _take(self, key: str, now: float) -> None:
         pace = self._pace
@@ -276,17 +285,24 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < float("inf"):
+    value = _number(text)
+    if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not above 0")
     return value
 
 
 def _not_negative(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a time")
+    value = _number(text)
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is below 0 or without end")
     return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

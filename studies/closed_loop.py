@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control import run_summary
-from cspr_control.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
+from cspr_control.feedforward import Feedforward, FeedforwardModel, PayloadSource, Setpoint
 from cspr_control.motor_control import MotorController, MotorGains
+from cspr_control.node_parameters import (
+    FEEDFORWARD,
+    MASS_ESTIMATOR,
+    estimator_settings,
+    feedforward_settings,
+    parameter_values,
+)
+from cspr_control.parameter_file import ParameterFile
 from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
-from cspr_control.point_to_point import MotionLimits
+from cspr_control.point_to_point import MotionLimits, PointToPoint
 from cspr_control.pose_estimation import PoseEstimator
 from cspr_control.reference import ReferencePoint
 from cspr_control.run_summary import MassTrace
@@ -33,8 +42,8 @@ class LoopSettings:
     model: FeedforwardModel = FeedforwardModel.DYNAMIC
     payload_source: PayloadSource = PayloadSource.ESTIMATED
     exact_mass: bool = False
-    gains: MotorGains = field(default_factory=MotorGains)
-    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
+    gains: MotorGains | None = None  # None: those of control.yaml
+    estimator: EstimatorSettings | None = None  # likewise
     trajectory: TrajectoryName = TrajectoryName.PAPER_19
     payload: float = 100.0
     added: float = 100.0
@@ -45,6 +54,7 @@ class LoopSettings:
     period: float = 0.004
     estimator_cycles: int = 5  # cycles between two updates of the mass estimate
     latency: float = 0.0015  # from the latching of the motor states to the torque
+    phase: float = 0.002  # from the start of the trajectory to the first set-point on it, less than a period
 
 
 @dataclass(frozen=True)
@@ -52,23 +62,38 @@ class LoopRecord:
     """What happened between the start and the end of the trajectory; n cycles, m motors."""
 
     time: FloatArray  # (n,) s after the start
-    position_error: FloatArray  # (n, m) rad
-    tensions: FloatArray  # (n, m) N
+    position_error: FloatArray  # (n, m) rad, demanded less measured
+    velocity_error: FloatArray  # (n, m) rad/s, likewise
+    tensions: FloatArray  # (n, m) N, true
+    asked_tensions: FloatArray  # (n, m) N, behind the feed-forward torque
     torque: FloatArray  # (n, m) N m
     mass_estimate: FloatArray  # (n,) kg of payload
     mass_valid: NDArray[np.bool_]
     mass_true: FloatArray
+    simulated: float  # s, from the release of the brakes to the end of the trajectory
+    elapsed: float  # s of the machine's time that the simulation took
 
     @property
     def rms_deg(self) -> FloatArray:
         """RMS position error of each motor (m,), degrees."""
         return np.degrees(np.sqrt((self.position_error**2).mean(axis=0)))
 
+    @property
+    def max_deg(self) -> FloatArray:
+        """Largest position error of each motor (m,), degrees."""
+        return np.degrees(np.abs(self.position_error).max(axis=0))
 
-def run(settings: LoopSettings) -> LoopRecord:
-    """Run one trajectory on the plant of config/simulation.yaml; a second takes about a third of one."""
-    robot = Robot.from_yaml(CONFIG / settings.robot)
-    config = SimulationConfig.from_yaml(CONFIG / "simulation.yaml")
+
+def run(settings: LoopSettings, config_directory: Path = CONFIG) -> LoopRecord:
+    """Run one trajectory on the plant of simulation.yaml, with the parameters of control.yaml.
+
+    A second takes about a third of one. The first control commands come while the platform hangs at its home pose,
+    two seconds before the approach to the trajectory begins, as in the demo.
+    """
+    began = monotonic()
+    robot = Robot.from_yaml(config_directory / settings.robot)
+    parameters = ParameterFile.from_yaml(config_directory / "control.yaml")
+    config = SimulationConfig.from_yaml(config_directory / "simulation.yaml")
     config = config.with_payload(Payload(settings.payload, np.zeros(3)))
     motor = replace(config.robot.motor, inertia=config.robot.motor.inertia * settings.motor_inertia_factor)
     true_robot = replace(config.robot, motor=motor).with_geometry(pulleys=settings.true_pulleys)
@@ -76,15 +101,27 @@ def run(settings: LoopSettings) -> LoopRecord:
     plant, noise = Plant(config), np.random.default_rng(config.seed)
     m = robot.number_of_cables
     limits = MotionLimits(speed=0.4, acceleration=0.5, angular_speed=0.3, angular_acceleration=0.5)
-    player = TrajectoryPlayer(limits)
-    feedforward = Feedforward(robot, FeedforwardSettings(settings.model, settings.payload_source))
-    controllers = [MotorController(robot.motor, settings.gains) for _ in range(m)]
-    pose_estimator, payload_estimator = PoseEstimator(robot), PayloadEstimator(robot, settings.estimator)
+    values = parameter_values(FEEDFORWARD, parameters.of("feedforward"))
+    feedforward = Feedforward(
+        robot,
+        replace(
+            feedforward_settings(m, values), model=settings.model, payload_source=settings.payload_source
+        ),
+    )
+    gains = settings.gains or motor_gains(parameters)
+    controllers = [MotorController(robot.motor, gains) for _ in range(m)]
+    estimator = settings.estimator or estimator_settings(
+        parameter_values(MASS_ESTIMATOR, parameters.of("mass_estimator"))
+    )
+    pose_estimator, payload_estimator = PoseEstimator(robot), PayloadEstimator(robot, estimator)
     trajectory = make_trajectory(
         settings.trajectory, robot, robot.home, TrajectoryOptions(limits, robot.home)
     )
+    approach = PointToPoint(robot.home, trajectory.sample(0.0).pose, limits)
+    dwell = 1.0 + (-settings.phase - approach.duration - 1.0) % settings.period
+    player = TrajectoryPlayer(limits, dwell)
 
-    def advance_to_setpoint(time: float) -> None:
+    def advance_to_setpoint(time: float) -> Setpoint:
         reference = player.sample(round(time * 1e9))
         assert isinstance(reference, ReferencePoint)
         setpoint = feedforward.compute(time, reference)
@@ -92,9 +129,10 @@ def run(settings: LoopSettings) -> LoopRecord:
             controller.set_setpoint(
                 time, round(time * 1e9), setpoint.position[k], setpoint.velocity[k], setpoint.effort[k]
             )
+        return setpoint
 
     player.hold(robot.home)
-    advance_to_setpoint(0.0)
+    setpoint = advance_to_setpoint(0.0)
     for k in range(m):
         plant.set_torque(k, -robot.winch.ratio * plant.tensions()[k])
         plant.set_brake(k, closed=False)
@@ -126,11 +164,19 @@ def run(settings: LoopSettings) -> LoopRecord:
         torque = np.array(
             [c.command(time, stamp, a, s) for c, a, s in zip(controllers, angles, speeds, strict=True)]
         )
-        reference = player.sample(stamp)
-        assert isinstance(reference, ReferencePoint)
-        error = np.array([c._angle for c in controllers]) - angles
-        rows.append((stamp, error, plant.tensions(), torque, payload_estimator.newest, plant.payload.mass))
-        advance_to_setpoint(time + settings.period)
+        rows.append(
+            (
+                stamp,
+                setpoint.position - angles,
+                setpoint.velocity - speeds,
+                plant.tensions(),
+                setpoint.tensions,
+                torque,
+                payload_estimator.newest,
+                plant.payload.mass,
+            )
+        )
+        setpoint = advance_to_setpoint(time + settings.period)
         if time >= 2.0 and not started:
             player.start(trajectory)
             started = True
@@ -139,16 +185,28 @@ def run(settings: LoopSettings) -> LoopRecord:
             plant.set_torque(k, torque[k])
         cycle += 1
     assert player.start_time is not None
+    simulated = cycle * settings.period
     rows = [row for row in rows if row[0] >= player.start_time]
+    stamps, position, velocity, tensions, asked, torques, estimates, masses = zip(*rows, strict=True)
     return LoopRecord(
-        time=np.array([row[0] - player.start_time for row in rows]) * 1e-9,
-        position_error=np.array([row[1] for row in rows]),
-        tensions=np.array([row[2] for row in rows]),
-        torque=np.array([row[3] for row in rows]),
-        mass_estimate=np.array([row[4].published.mass for row in rows]),
-        mass_valid=np.array([row[4].valid for row in rows]),
-        mass_true=np.array([row[5] for row in rows]),
+        time=(np.array(stamps) - player.start_time) * 1e-9,
+        position_error=np.array(position),
+        velocity_error=np.array(velocity),
+        tensions=np.array(tensions),
+        asked_tensions=np.array(asked),
+        torque=np.array(torques),
+        mass_estimate=np.array([estimate.published.mass for estimate in estimates]),
+        mass_valid=np.array([estimate.valid for estimate in estimates]),
+        mass_true=np.array(masses),
+        simulated=simulated,
+        elapsed=monotonic() - began,
     )
+
+
+def motor_gains(parameters: ParameterFile) -> MotorGains:
+    """Return the gains that a parameter file gives to the motor controllers."""
+    given = parameters.of("motor_control_gains")
+    return MotorGains(**{f.name: given[f.name] for f in fields(MotorGains) if f.name in given})
 
 
 def settling_time(record: LoopRecord) -> float:

@@ -1,0 +1,231 @@
+"""The configuration that a run was recorded with, and where it differs from another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from cspr_control.errors import ControlError
+from cspr_kinematics import KinematicsError, Robot
+
+ROBOT_FILE = "robot.yaml"
+_CONTROL_FILE = "control.yaml"
+_SAME_MACHINE = (
+    "name",
+    "exit_points",
+    "anchor_points",
+    "pulleys",
+    "frame_size",
+    "platform_size",
+    "winch",
+    "home",
+)
+"""Keys of robot.yaml that make it another robot: with another of these, motor angles mean something else."""
+_SHOWN = 3  # differences that a note names
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Configuration files by name, and the robot that they describe.
+
+    Attributes
+    ----------
+    files : mapping of str to str
+        Text by the file's name without directory; empty if the bag has none.
+    robot : Robot
+    robot_file : str
+        Where the robot comes from: the name among `files`, or a path on disk.
+    """
+
+    files: Mapping[str, str]
+    robot: Robot
+    robot_file: str
+
+    def parsed(self, name: str) -> Any:
+        """Return the content of a YAML file; empty if it is none."""
+        return parsed(self.files.get(name, ""))
+
+
+def read_configuration(
+    attachments: Mapping[str, bytes], bag: Path, robot_file: Path | None, directory: Path
+) -> tuple[Configuration, tuple[str, ...]]:
+    """Take the configuration out of a bag, and compare it with the files on disk.
+
+    Parameters
+    ----------
+    attachments
+        The bag's, by the names under which they were attached.
+    bag
+        Its path, for messages.
+    robot_file
+        A robot to use in place of the attached one.
+    directory
+        Where the configuration lies on disk: a bag without one is read with its robot.yaml. Need not exist.
+
+    Returns
+    -------
+    configuration, remarks
+        Remarks say in one line each what differs.
+
+    Raises
+    ------
+    ControlError
+        If there is no robot, or not one that can be used.
+    """
+    files = {
+        PurePosixPath(name).name: data.decode("utf-8", errors="replace")
+        for name, data in attachments.items()
+        if name.endswith((".yaml", ".yml"))
+    }
+    remarks: list[str] = []
+    try:
+        if robot_file is not None:
+            robot, source = Robot.from_yaml(robot_file), str(robot_file)
+        else:
+            source = _name_of_robot_file(files)
+            if source in files:
+                robot = Robot.from_mapping(parsed(files[source]), f"{source} in {bag}")
+            else:
+                source = str(directory / ROBOT_FILE)
+                robot = Robot.from_yaml(source)
+                remarks.append(f"{bag} has no {ROBOT_FILE} attached: {source} is used in its place")
+    except KinematicsError as error:
+        raise ControlError(
+            f"{bag}: no robot to analyse with: {error} (name one with --robot FILE)"
+        ) from error
+    remarks += _compare_with_disk(files, bag, directory)
+    return Configuration(files, robot, source), tuple(remarks)
+
+
+def _name_of_robot_file(files: Mapping[str, str]) -> str:
+    """Return the name of the robot file that the recorded parameters name."""
+    for node in _mappings(parsed(files.get(_CONTROL_FILE, ""))):
+        name = node.get("robot_config")
+        if isinstance(name, str) and PurePosixPath(name).name in files:
+            return PurePosixPath(name).name
+    return ROBOT_FILE
+
+
+def _mappings(content: Any) -> Iterator[Mapping[str, Any]]:
+    if isinstance(content, Mapping):
+        yield content
+        for value in content.values():
+            yield from _mappings(value)
+
+
+def _compare_with_disk(files: Mapping[str, str], bag: Path, directory: Path) -> Iterator[str]:
+    for name in sorted(files):
+        path = directory / name
+        if path.is_file():
+            found = differences(
+                parsed(files[name]), parsed(path.read_text(encoding="utf-8", errors="replace"))
+            )
+            if found:
+                yield (
+                    f"{name} in {bag} differs from {path}: {describe(found, 'recorded', 'on disk')}; "
+                    "the recorded one is used"
+                )
+
+
+def require_one_robot(configurations: Mapping[str, Configuration]) -> tuple[str, ...]:
+    """Make sure that runs, by name, are of one and the same robot.
+
+    Returns
+    -------
+    tuple of str
+        Remarks on the robots' other values that differ: masses, limits, friction.
+
+    Raises
+    ------
+    ControlError
+        If geometry or transmission differ: then there is nothing to compare.
+    """
+    if not configurations:
+        return ()
+    (first_name, first), *others = configurations.items()
+    remarks = []
+    for name, other in others:
+        found = _robot_differences(first.robot, other.robot)
+        if any(key.split(".")[0].split("[")[0] in _SAME_MACHINE for key in found):
+            raise ControlError(
+                f"{first_name} and {name} are runs of two different robots and cannot be compared: "
+                f"{describe(found, 'first', 'second')}"
+            )
+        if found:
+            remarks.append(
+                f"the robots of {first_name} and {name} differ: {describe(found, 'first', 'second')}"
+            )
+    return tuple(remarks)
+
+
+def _robot_differences(first: Robot, second: Robot) -> dict[str, tuple[Any, Any]]:
+    return differences(_robot_values(first), _robot_values(second))
+
+
+def _robot_values(robot: Robot) -> dict[str, Any]:
+    return {
+        "name": robot.name,
+        "exit_points": robot.exit_points.tolist(),
+        "anchor_points": robot.anchor_points.tolist(),
+        "pulleys": {
+            "radius": robot.pulleys.radius.tolist(),
+            "swivel_axis": robot.pulleys.swivel_axis.tolist(),
+        },
+        "frame_size": robot.frame_size.tolist(),
+        "platform_size": robot.platform_size.tolist(),
+        "winch": {"drum_radius": robot.winch.drum_radius, "gear_ratio": robot.winch.gear_ratio},
+        "home": {"position": robot.home.position.tolist(), "euler": robot.home.euler.tolist()},
+        "platform": {
+            "mass": robot.platform.mass,
+            "center_of_mass": robot.platform.center_of_mass.tolist(),
+            "inertia": robot.platform.inertia.tolist(),
+        },
+        "motor": dict(vars(robot.motor)),
+        "tension_min": robot.tension_min,
+        "tension_max": robot.tension_max,
+    }
+
+
+def differences(first: Any, second: Any, path: str = "") -> dict[str, tuple[Any, Any]]:
+    """Return where two nested structures differ: both values by dotted key; None where one has no such key."""
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        found: dict[str, tuple[Any, Any]] = {}
+        for key in dict.fromkeys((*first, *second)):
+            found |= differences(first.get(key), second.get(key), f"{path}.{key}" if path else str(key))
+        return found
+    if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        found = {}
+        for index, (one, other) in enumerate(zip(first, second, strict=True)):
+            found |= differences(one, other, f"{path}[{index}]")
+        return found
+    return {} if first == second else {path: (first, second)}
+
+
+def describe(found: Mapping[str, tuple[Any, Any]], first: str, second: str) -> str:
+    """Return differences as a phrase: ``platform.mass is 153 recorded, 160 on disk``; the first few of many."""
+    shown = [
+        f"{key or 'the content'} is {_short(a)} {first}, {_short(b)} {second}"
+        for key, (a, b) in found.items()
+    ]
+    more = f"; and {len(shown) - _SHOWN} more" if len(shown) > _SHOWN else ""
+    return "; ".join(shown[:_SHOWN]) + more
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list) and not any(isinstance(item, list | Mapping) for item in value):
+        text = str(value)
+    else:
+        text = "absent" if value is None else str(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def parsed(text: str) -> Any:
+    """Return the content of YAML text; the text itself where it is none."""
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        return text

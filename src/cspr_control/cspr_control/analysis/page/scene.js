@@ -1,0 +1,305 @@
+// The robot in three dimensions: frame, platform, cables coloured by tension, where it was and where it should be.
+"use strict";
+
+const BOX_EDGES = [
+  [0, 1], [1, 3], [3, 2], [2, 0], [4, 5], [5, 7], [7, 6], [6, 4], [0, 4], [1, 5], [2, 6], [3, 7],
+];
+const BOX_FACES = [
+  [0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3],
+];
+
+function rotationOf([x, y, z, w]) {
+  const n = Math.hypot(x, y, z, w) || 1;
+  [x, y, z, w] = [x / n, y / n, z / n, w / n];
+  return [
+    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+  ];
+}
+
+// Pose at time t from a block of position (3) and quaternion (4).
+function poseAt(block, t) {
+  if (!block || block.time.length === 0) return null;
+  const time = block.time;
+  const clipped = Math.min(Math.max(t, time[0]), time[time.length - 1]);
+  const v = block.columns.map((_, k) => valueAt(block, k, clipped));
+  if (v.some(Number.isNaN)) return null;
+  return { position: v.slice(0, 3), rotation: rotationOf(v.slice(3, 7)) };
+}
+
+function transform(pose, point) {
+  return [0, 1, 2].map(
+    (i) => pose.position[i] + pose.rotation[i].reduce((sum, factor, j) => sum + factor * point[j], 0),
+  );
+}
+
+function boxCorners(center, size) {
+  const corners = [];
+  for (const sx of [-0.5, 0.5]) {
+    for (const sy of [-0.5, 0.5]) {
+      for (const sz of [-0.5, 0.5]) {
+        corners.push([center[0] + sx * size[0], center[1] + sy * size[1], center[2] + sz * size[2]]);
+      }
+    }
+  }
+  return corners;
+}
+
+function mixColors(colors, share) {
+  const place = Math.min(Math.max(share, 0), 1) * (colors.length - 1);
+  const k = Math.min(Math.floor(place), colors.length - 2);
+  const [a, b] = [colors[k], colors[k + 1]].map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
+  return `rgb(${a.map((value, i) => Math.round(value + (place - k) * (b[i] - value))).join(",")})`;
+}
+
+class Scene {
+  constructor(page, run) {
+    this.page = page;
+    this.run = run;
+    this.element = document.createElement("div");
+    this.element.className = "scene panel";
+    const title = document.createElement("div");
+    title.className = "panel-title";
+    title.textContent = page.runs.length > 1 ? run.title : "";
+    this.canvas = document.createElement("canvas");
+    this.caption = document.createElement("div");
+    this.caption.className = "scene-caption";
+    this.element.append(title, this.canvas, this.caption);
+    this.platform = null;
+    this.listen();
+  }
+
+  listen() {
+    const camera = this.page.camera;
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.canvas.setPointerCapture(event.pointerId);
+      this.grip = [event.clientX, event.clientY];
+    });
+    this.canvas.addEventListener("pointermove", (event) => {
+      if (!this.grip) return;
+      camera.yaw -= 0.008 * (event.clientX - this.grip[0]);
+      camera.pitch = Math.min(1.5, Math.max(-0.2, camera.pitch + 0.008 * (event.clientY - this.grip[1])));
+      this.grip = [event.clientX, event.clientY];
+      this.page.drawScenes();
+    });
+    this.canvas.addEventListener("pointerup", () => (this.grip = undefined));
+    this.canvas.addEventListener("dblclick", () => this.page.resetCamera());
+    this.canvas.addEventListener(
+      "wheel",
+      (event) => {
+        if (!event.ctrlKey && !event.shiftKey) return;
+        event.preventDefault();
+        camera.zoom = Math.min(8, Math.max(0.4, camera.zoom * Math.exp(-Math.sign(event.deltaY || event.deltaX) * 0.12)));
+        this.page.drawScenes();
+      },
+      { passive: false },
+    );
+  }
+
+  // Place on the canvas and depth of a point in base.
+  project(point) {
+    const { yaw, pitch, zoom } = this.page.camera;
+    const [x, y, z] = point.map((value, i) => value - this.target[i]);
+    const right = Math.cos(yaw) * x + Math.sin(yaw) * y;
+    const ahead = -Math.sin(yaw) * x + Math.cos(yaw) * y;
+    const up = Math.cos(pitch) * z + Math.sin(pitch) * ahead;
+    const depth = this.distance + Math.cos(pitch) * ahead - Math.sin(pitch) * z;
+    const scale = (this.focus * zoom) / Math.max(0.1, depth);
+    return [this.middle[0] + scale * right, this.middle[1] - scale * up, depth];
+  }
+
+  // Scale and place the picture so that all of `points` is in it when seen as at the start.
+  fit(points, width, height) {
+    const camera = this.page.camera;
+    this.page.camera = CAMERA;
+    this.focus = 1;
+    this.middle = [0, 0];
+    const seen = points.map((point) => this.project(point));
+    this.page.camera = camera;
+    const [left, right, top, bottom] = [
+      Math.min(...seen.map((p) => p[0])), Math.max(...seen.map((p) => p[0])),
+      Math.min(...seen.map((p) => p[1])), Math.max(...seen.map((p) => p[1])),
+    ];
+    this.focus = Math.min((width - 40) / (right - left), (height - 44) / (bottom - top));
+    this.middle = [
+      width / 2 - (this.focus * (left + right)) / 2,
+      height / 2 + 6 - (this.focus * (top + bottom)) / 2,
+    ];
+  }
+
+  line(c, points) {
+    c.beginPath();
+    points.forEach((point, i) => {
+      const [x, y] = this.project(point);
+      if (i) c.lineTo(x, y);
+      else c.moveTo(x, y);
+    });
+    c.stroke();
+  }
+
+  draw() {
+    const robot = this.page.report.robot;
+    const width = this.element.clientWidth;
+    const height = Math.round(Math.min(560, Math.max(300, width * 0.62)));
+    const c = fitCanvas(this.canvas, width, height);
+    const [fx, fy, fz] = robot.frame_size;
+    this.target = [0, 0, fz / 2];
+    this.distance = 2.4 * Math.hypot(fx, fy, fz);
+    this.fit(boxCorners([0, 0, fz / 2], [fx, fy, fz]), width, height);
+    const t = this.page.time;
+    const run = this.run;
+
+    c.strokeStyle = "#e3e7ec";
+    c.lineWidth = 1;
+    for (let x = -Math.floor(fx / 2); x <= fx / 2; x += 0.5) this.line(c, [[x, -fy / 2, 0], [x, fy / 2, 0]]);
+    for (let y = -Math.floor(fy / 2); y <= fy / 2; y += 0.5) this.line(c, [[-fx / 2, y, 0], [fx / 2, y, 0]]);
+    const frame = boxCorners([0, 0, fz / 2], [fx, fy, fz]);
+    c.strokeStyle = "#9aa4b0";
+    c.lineWidth = 2;
+    for (const [a, b] of BOX_EDGES) this.line(c, [frame[a], frame[b]]);
+
+    if (run.blocks.reference) this.path(c, run.blocks.reference, "#8a94a0", [4, 3], 1.2);
+    if (run.blocks.pose) this.path(c, run.blocks.pose, "#0072B2", [], 1.1);
+
+    const desired = poseAt(run.blocks.reference, t);
+    const pose = poseAt(run.blocks.pose, t) || desired;
+    this.platform = pose;
+    this.tensions = null;
+    if (pose) {
+      const anchors = robot.anchor_points.map((point) => transform(pose, point));
+      const tensions = anchors.map((_, k) =>
+        run.blocks.tensions ? valueAt(run.blocks.tensions, k, t) : NaN);
+      this.tensions = tensions;
+      const near = [];
+      const far = [];
+      robot.exit_points.forEach((exit, k) => {
+        (this.project(exit)[2] > this.project(pose.position)[2] ? far : near).push(k);
+      });
+      this.cables(c, far, anchors, tensions);
+      if (desired) {
+        c.strokeStyle = "#8a94a0";
+        c.lineWidth = 1;
+        const corners = boxCorners([0, 0, 0], robot.platform_size).map((point) => transform(desired, point));
+        for (const [a, b] of BOX_EDGES) this.line(c, [corners[a], corners[b]]);
+      }
+      this.load(c, pose, t);
+      this.box(c, boxCorners([0, 0, 0], robot.platform_size).map((p) => transform(pose, p)), [201, 209, 219]);
+      this.cables(c, near, anchors, tensions);
+      this.bars(c, tensions, width, height);
+    }
+    c.font = "11px system-ui, sans-serif";
+    c.textAlign = "center";
+    robot.exit_points.forEach((exit, k) => {
+      const [x, y] = this.project(exit);
+      c.fillStyle = "#39424e";
+      c.beginPath();
+      c.arc(x, y, 3, 0, 2 * Math.PI);
+      c.fill();
+      c.fillText(String(k + 1), x + (k % 2 ? 7 : -7), y - 7);
+    });
+    this.describe(pose, desired, t);
+  }
+
+  path(c, block, color, dash, width) {
+    const [from, to] = this.page.judged;
+    const points = [];
+    for (let i = 0; i < block.time.length; i++) {
+      if (block.time[i] >= from && block.time[i] <= to) points.push(block.columns.slice(0, 3).map((x) => x[i]));
+    }
+    c.strokeStyle = color;
+    c.lineWidth = width;
+    c.setLineDash(dash);
+    if (points.length) this.line(c, points);
+    c.setLineDash([]);
+  }
+
+  cables(c, chosen, anchors, tensions) {
+    const robot = this.page.report.robot;
+    for (const k of chosen) {
+      const hidden = this.page.hiddenMotors.has(k);
+      c.globalAlpha = hidden ? 0.12 : 1;
+      c.lineWidth = 2.4;
+      c.strokeStyle = Number.isNaN(tensions[k])
+        ? "#9aa4b0"
+        : mixColors(this.page.report.tension_colours, tensions[k] / this.page.report.tension_scale);
+      c.setLineDash(tensions[k] < robot.tension_min ? [5, 4] : []);
+      this.line(c, [anchors[k], robot.exit_points[k]]);
+    }
+    c.setLineDash([]);
+    c.globalAlpha = 1;
+  }
+
+  box(c, corners, [r, g, b]) {
+    const points = corners.map((corner) => this.project(corner));
+    const faces = BOX_FACES.map((face) => {
+      const [p, q, s] = face.slice(0, 3).map((i) => corners[i]);
+      const u = q.map((value, i) => value - p[i]);
+      const v = s.map((value, i) => value - p[i]);
+      const up = Math.abs(u[0] * v[1] - u[1] * v[0]) / (Math.hypot(...u) * Math.hypot(...v) || 1);
+      return { face, depth: face.reduce((sum, i) => sum + points[i][2], 0), light: 0.72 + 0.28 * up };
+    }).sort((first, second) => second.depth - first.depth);
+    for (const { face, light } of faces) {
+      c.fillStyle = `rgb(${[r, g, b].map((value) => Math.round(value * light)).join(",")})`;
+      c.strokeStyle = "#5b6673";
+      c.lineWidth = 1;
+      c.beginPath();
+      face.forEach((i, j) => (j ? c.lineTo(points[i][0], points[i][1]) : c.moveTo(points[i][0], points[i][1])));
+      c.closePath();
+      c.fill();
+      c.stroke();
+    }
+  }
+
+  // The payload hangs below the platform as a cube of steel plates of its mass, loosely packed.
+  load(c, pose, t) {
+    const block = this.run.blocks.truth || this.run.blocks.estimate;
+    const mass = block ? block.columns[0][Math.max(0, indexAt(block.time, t))] : NaN;
+    this.mass = mass;
+    if (!(mass > 1)) return;
+    const side = Math.cbrt(mass / 4000);
+    const below = this.page.report.robot.platform_size[2] / 2 + side / 2;
+    const corners = boxCorners([0, 0, -below], [side, side, side]).map((point) => transform(pose, point));
+    this.box(c, corners, [205, 160, 96]);
+  }
+
+  bars(c, tensions, width, height) {
+    const { tension_scale: scale, tension_colours: colors } = this.page.report;
+    const left = width - 118;
+    const row = 15;
+    const top = height - 14 - row * tensions.length;
+    c.font = "11px system-ui, sans-serif";
+    c.textBaseline = "middle";
+    c.fillStyle = INK;
+    c.textAlign = "left";
+    c.fillText(`tension, N (full ${niceNumber(scale)})`, left - 22, top - 9);
+    tensions.forEach((tension, k) => {
+      const y = top + row * k;
+      c.globalAlpha = this.page.hiddenMotors.has(k) ? 0.2 : 1;
+      c.fillStyle = "#edf0f3";
+      c.fillRect(left, y, 70, row - 5);
+      c.fillStyle = mixColors(colors, tension / scale);
+      c.fillRect(left, y, 70 * Math.min(1, Math.max(0, tension / scale || 0)), row - 5);
+      c.fillStyle = INK;
+      c.textAlign = "right";
+      c.fillText(String(k + 1), left - 6, y + row / 2 - 2);
+      c.textAlign = "left";
+      c.fillText(Number.isNaN(tension) ? "–" : tension.toFixed(0), left + 75, y + row / 2 - 2);
+    });
+    c.globalAlpha = 1;
+  }
+
+  describe(pose, desired, t) {
+    if (!pose) {
+      this.caption.textContent = "no pose recorded at this time";
+      return;
+    }
+    const place = pose.position.map((value) => value.toFixed(3)).join(", ");
+    const off = desired
+      ? ` · ${(1000 * Math.hypot(...pose.position.map((value, i) => value - desired.position[i]))).toFixed(1)} mm off`
+      : "";
+    const load = this.mass > 1 ? ` · payload ${this.mass.toFixed(0)} kg` : "";
+    const state = this.run.states.find((span) => span.start <= t && t <= span.end);
+    this.caption.textContent = `platform at (${place}) m${off}${load}${state ? ` · ${state.name}` : ""}`;
+  }
+}

@@ -1,0 +1,282 @@
+"""A recorded run in memory: the columns of its topics, its configuration and its story."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.analysis.configuration import Configuration, read_configuration
+from cspr_control.analysis.timeline import Timeline, TrajectoryRun, read_timeline
+from cspr_control.errors import ControlError
+from cspr_kinematics import Robot
+from cspr_msgs_py.bag_reader import Bag, BagWarning, Inertias, JointStates, Poses, References
+from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    MOTOR_STATES,
+    PAYLOAD,
+    PLATFORM_POSE,
+    REFERENCE,
+    SETPOINT,
+    SIMULATED_PAYLOAD,
+    motor_command,
+)
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+T = TypeVar("T")
+
+CONFIGURATION_DIRECTORY = Path("config")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a bag holds of one run; a topic that it does not have, or no message of, is None.
+
+    Columns are in the order of their stamps, joints in the order of the robot's motors.
+
+    Attributes
+    ----------
+    path : Path
+        The bag.
+    configuration : Configuration
+    timeline : Timeline
+    states, setpoints, tensions : JointStates
+    command_torque : ndarray, shape (n, m), or None
+        What the controllers answered to each of the n motor states, N m; NaN where they did not.
+    references : References or None
+    poses : Poses or None
+    estimate, truth : Inertias or None
+        The payload as estimated and, of a simulated robot, as it is; the log times are on the robot's clock.
+    outcome : dict
+        ``summary.json`` beside the bag, where the demo wrote one; else empty.
+    information : dict of str to str
+        How the recording was made.
+    remarks : tuple of str
+        What is missing or odd, in one line each.
+    """
+
+    path: Path
+    configuration: Configuration
+    timeline: Timeline
+    states: JointStates
+    setpoints: JointStates | None
+    tensions: JointStates | None
+    command_torque: Floats | None
+    references: References | None
+    poses: Poses | None
+    estimate: Inertias | None
+    truth: Inertias | None
+    outcome: dict[str, Any]
+    information: dict[str, str]
+    remarks: tuple[str, ...]
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as the controller believed it to be."""
+        return self.configuration.robot
+
+    @property
+    def trajectories(self) -> tuple[TrajectoryRun, ...]:
+        """The trajectories that were followed."""
+        return self.timeline.trajectories
+
+    @cached_property
+    def origin_ns(self) -> int:
+        """Time zero of every figure: the start of the first trajectory, or of the recording without one."""
+        return self.trajectories[0].start_ns if self.trajectories else int(self.states.time_ns[0])
+
+    def seconds(self, time_ns: Times) -> Floats:
+        """Return ROS times in ns as seconds since time zero."""
+        return np.asarray((time_ns - self.origin_ns) * 1e-9)
+
+    def judged(self, time_ns: Times) -> NDArray[np.bool_]:
+        """Return which times count for the numbers: those on a trajectory; all of them if there was none."""
+        if not self.trajectories:
+            return np.ones(time_ns.shape, dtype=bool)
+        inside = np.zeros(time_ns.shape, dtype=bool)
+        for run in self.trajectories:
+            inside |= (time_ns >= run.start_ns) & (time_ns <= run.end_ns)
+        return inside
+
+    @property
+    def trajectory(self) -> str:
+        """Names of the trajectories, in the order in which they were followed."""
+        return ", ".join(dict.fromkeys(run.name for run in self.trajectories if run.name)) or "no trajectory"
+
+    @cached_property
+    def controller(self) -> str:
+        """The controller by its name in the demo, or ``feed-forward not recorded``."""
+        if "controller" in self.outcome:
+            exact = " (exact mass)" if self.outcome.get("exact_mass") else ""
+            return f"{self.outcome['controller']}{exact}"
+        entries = self.timeline.diagnostics.get("feedforward", ())
+        values = entries[-1][1].values if entries else {}
+        model, source = values.get("model"), values.get("payload_source")
+        if model == "dynamic":
+            return "pdff-mass" if source == "estimated" else "pdff"
+        return {"none": "pd", "static": "static"}.get(str(model), "feed-forward not recorded")
+
+
+class RobotClock:
+    """Turns the recorder's times into those of the robot.
+
+    Messages bear the robot's time; a simulated robot may run slower than the clock on the wall. What bears no time of
+    its own is placed by when it arrived among the motor states.
+    """
+
+    def __init__(self, states: JointStates) -> None:
+        order = np.argsort(states.log_time_ns, kind="stable")
+        self._log_origin, self._origin = int(states.log_time_ns[order[0]]), int(states.time_ns[order[0]])
+        self._log = (states.log_time_ns[order] - self._log_origin).astype(float)
+        self._time = (states.time_ns[order] - self._origin).astype(float)
+
+    def __call__(self, log_time_ns: Times) -> Times:
+        """Return the robot's times, ns; outside the motor states the two clocks run alike."""
+        log = (log_time_ns - self._log_origin).astype(float)
+        inside = np.clip(log, self._log[0], self._log[-1])
+        time = np.interp(inside, self._log, self._time) + (log - inside)
+        return np.asarray(np.rint(time).astype(np.int64) + self._origin)
+
+
+def find_bag(path: Path) -> Path:
+    """Return the bag that a path means: a bag itself, or the one inside the directory of a run."""
+    inside = path / "bag"
+    return inside if inside.is_dir() and not any(path.glob("*.mcap")) else path
+
+
+def read_recording(
+    path: Path, robot_file: Path | None = None, configuration_directory: Path = CONFIGURATION_DIRECTORY
+) -> Recording:
+    """Read a bag.
+
+    Parameters
+    ----------
+    path
+        A bag, or the directory of a run of the demo.
+    robot_file
+        A robot to use in place of the attached one.
+    configuration_directory
+        Where the configuration lies on disk, to say where the recorded one differs.
+
+    Raises
+    ------
+    ControlError
+        If the bag cannot be read, has no motor states, or its robot does not fit them.
+    """
+    path = find_bag(path)
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", BagWarning)
+            with Bag(path) as bag:
+                recording = _read(bag, path, robot_file, configuration_directory)
+    except BagError as error:
+        raise ControlError(str(error)) from error
+    damage = tuple(str(warning.message) for warning in caught if issubclass(warning.category, BagWarning))
+    object.__setattr__(recording, "remarks", (*damage, *recording.remarks))
+    return recording
+
+
+def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Recording:
+    counts = bag.counts
+    if not counts.get(MOTOR_STATES.name):
+        known = ", ".join(sorted(name for name, count in counts.items() if count)) or "nothing at all"
+        raise ControlError(
+            f"{path} has no messages on {MOTOR_STATES.name}, without which there is no run to analyse; it has {known}"
+        )
+    configuration, notes = read_configuration(bag.attachments, path, robot_file, directory)
+    remarks = list(notes)
+
+    def optional(topic: str, read: Callable[[str], T], purpose: str) -> T | None:
+        if counts.get(topic):
+            return read(topic)
+        remarks.append(f"{path} has no messages on {topic}: {purpose}")
+        return None
+
+    states = _sorted(bag.joint_states(MOTOR_STATES.name))
+    m = configuration.robot.number_of_cables
+    if states.position.shape[1] != m:
+        raise ControlError(
+            f"{path}: {MOTOR_STATES.name} is of {states.position.shape[1]} motors, "
+            f"{configuration.robot_file} describes {m}: name the robot that was recorded with --robot FILE"
+        )
+    setpoints = optional(
+        SETPOINT.name, lambda t: _sorted(bag.joint_states(t)), "no motor position and velocity errors"
+    )
+    tensions = optional(CABLE_TENSIONS.name, lambda t: _sorted(bag.joint_states(t)), "no measured tensions")
+    references = optional(REFERENCE.name, lambda t: _sorted(bag.references(t)), "no tensions of the model")
+    poses = optional(
+        PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was"
+    )
+    clock = RobotClock(states)
+
+    def arrived(topic: str) -> Inertias:
+        payload = bag.inertias(topic)
+        return replace(payload, log_time_ns=clock(payload.log_time_ns))
+
+    estimate = optional(PAYLOAD.name, arrived, "no estimated payload")
+    truth = optional(SIMULATED_PAYLOAD.name, arrived, "the true payload is not known")
+    return Recording(
+        path,
+        configuration,
+        read_timeline(bag, clock, int(states.time_ns[-1])),
+        states,
+        setpoints,
+        tensions,
+        _commands(bag, counts, states, m, remarks),
+        references,
+        poses,
+        estimate,
+        truth,
+        _outcome(path),
+        bag.metadata.get("recording", {}),
+        tuple(remarks),
+    )
+
+
+def _commands(
+    bag: Bag, counts: dict[str, int], states: JointStates, m: int, remarks: list[str]
+) -> Floats | None:
+    """Return the torque that answered each motor state: a command bears the stamp of the state it answers."""
+    missing = [k for k in range(1, m + 1) if not counts.get(motor_command(k).name)]
+    if missing:
+        remarks.append(
+            f"{bag.path} has no messages on {motor_command(missing[0]).name}"
+            f"{f' and {len(missing) - 1} others' if len(missing) > 1 else ''}: no saturation, no unanswered cycles"
+        )
+        return None
+    torque = np.full((states.time_ns.size, m), np.nan)
+    for k in range(m):
+        commands = bag.joint_states(motor_command(k + 1).name)
+        place = np.searchsorted(states.time_ns, commands.time_ns)
+        place = np.minimum(place, states.time_ns.size - 1)
+        answered = states.time_ns[place] == commands.time_ns
+        torque[place[answered], k] = commands.effort[answered, 0]
+    return torque
+
+
+def _sorted(columns: T) -> T:
+    """Return columns in the order of their stamps."""
+    values = vars(columns)
+    order = np.argsort(values["time_ns"], kind="stable")
+    if np.array_equal(order, np.arange(order.size)):
+        return columns
+    return type(columns)(
+        **{name: value[order] if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    )
+
+
+def _outcome(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads((path.parent / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}

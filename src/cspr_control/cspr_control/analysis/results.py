@@ -1,0 +1,69 @@
+"""Everything that is written about analysed runs: metrics.json, the figures and the report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cspr_control.analysis.figures import save_figures
+from cspr_control.analysis.report import write_report
+from cspr_control.analysis.run_analysis import RunAnalysis
+
+METRICS = "metrics.json"
+REPORT = "report.html"
+FIGURES = "figures"
+
+
+@dataclass(frozen=True)
+class Results:
+    """Where the results lie: metrics.json, the pictures (PNG; an SVG beside each), report.html."""
+
+    metrics: Path
+    figures: tuple[Path, ...]
+    report: Path
+
+
+def default_directory(bags: Sequence[Path]) -> Path:
+    """Return where results go if nobody says: beside the first bag."""
+    return bags[0].resolve().parent / ("analysis" if len(bags) == 1 else "comparison")
+
+
+def write_results(
+    runs: Sequence[RunAnalysis],
+    directory: Path,
+    *,
+    figures: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Results:
+    """Write what there is to say about runs into a directory; results of the same name there are replaced.
+
+    Parameters
+    ----------
+    runs
+        At least one.
+    directory
+        Made if it does not exist.
+    figures
+        Whether to draw pictures; they take longest.
+    progress
+        Called with the name of what is written next.
+
+    Raises
+    ------
+    OSError
+        If something cannot be written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    metrics = directory / METRICS
+    content = {
+        "runs": [{"name": run.name, **run.metrics.as_mapping(), "remarks": list(run.remarks)} for run in runs]
+    }
+    metrics.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    report = directory / REPORT
+    if progress is not None:
+        progress(REPORT)
+    write_report(runs, report)
+    pictures = tuple(save_figures(runs, directory / FIGURES, progress)) if figures else ()
+    return Results(metrics, pictures, report)

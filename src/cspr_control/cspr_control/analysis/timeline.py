@@ -1,0 +1,197 @@
+"""What happened when: states of the robot, trajectories, faults and marked events, from the words in a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_msgs_py.bag_reader import Bag
+from cspr_msgs_py.topics import DIAGNOSTICS, DRIVE_STATES, EVENTS, ROBOT_STATE, TRAJECTORY_STATE
+
+LOG = "/rosout"
+Clock = Callable[[NDArray[np.int64]], NDArray[np.int64]]
+_WARNING, _ERROR = 30, 40  # levels of rcl_interfaces/Log
+_IN_MOTION = ("approach", "running")
+
+
+class EventKind(Enum):
+    """What sort of event it is; faults and marks are what one looks for first."""
+
+    FAULT = "fault"
+    MARK = "mark"
+    PAYLOAD = "payload"
+    WARNING = "warning"
+    STATE = "state"
+
+
+@dataclass(frozen=True)
+class Status:
+    """One ``diagnostic_msgs/DiagnosticStatus``: who says it, what, and values by their keys."""
+
+    name: str
+    message: str
+    values: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened at one moment, ROS time in ns."""
+
+    time_ns: int
+    kind: EventKind
+    text: str
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of time in which the robot was in one state, ROS time in ns."""
+
+    start_ns: int
+    end_ns: int
+    name: str
+
+
+@dataclass(frozen=True)
+class TrajectoryRun:
+    """One trajectory that was followed: from its start to its end, or to where it was broken off; ns."""
+
+    name: str
+    start_ns: int
+    end_ns: int
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The story of a recording.
+
+    Attributes
+    ----------
+    states : tuple of Span
+        Of the supervisor, without gaps from the first one known.
+    trajectories : tuple of TrajectoryRun
+        Those that were started.
+    events : tuple of Event
+        In the order of time.
+    diagnostics : dict of str to tuple
+        Of each node, by its name: times (ns) and statuses.
+    """
+
+    states: tuple[Span, ...]
+    trajectories: tuple[TrajectoryRun, ...]
+    events: tuple[Event, ...]
+    diagnostics: dict[str, tuple[tuple[int, Status], ...]]
+
+
+def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
+    """Read the words of a bag; topics that it does not have are left out.
+
+    Parameters
+    ----------
+    bag
+    clock
+        Turns times of the recorder (n,) into those of the robot, ns.
+    end_ns
+        When the measurements end, on the robot's clock.
+
+    Raises
+    ------
+    BagError
+        If a message is not what its topic promises.
+    """
+
+    def read(topic: str) -> list[tuple[int, Any]]:
+        if not counts.get(topic):
+            return []
+        found = bag.read(topic)
+        return list(zip(clock(found.log_time_ns).tolist(), found.messages, strict=True))
+
+    counts = bag.counts
+    robot = [(t, _status(message)) for t, message in read(ROBOT_STATE.name)]
+    trajectory = [(t, _status(message)) for t, message in read(TRAJECTORY_STATE.name)]
+    diagnostics: dict[str, list[tuple[int, Status]]] = {}
+    for t, array in read(DIAGNOSTICS.name):
+        for status in map(_status, array.status):
+            diagnostics.setdefault(status.name.rsplit("/", 1)[-1], []).append((t, status))
+    drives = [(t, _status(status)) for t, array in read(DRIVE_STATES.name) for status in array.status]
+    events = [
+        *_state_events(robot),
+        *_drive_events(drives),
+        *_trajectory_events(trajectory),
+        *(Event(t, EventKind.MARK, message.data) for t, message in read(EVENTS.name)),
+        *_log_events(read(LOG)),
+    ]
+    return Timeline(
+        _spans(robot, end_ns),
+        _trajectories(trajectory, end_ns),
+        tuple(sorted(events, key=lambda event: event.time_ns)),
+        {name: tuple(entries) for name, entries in diagnostics.items()},
+    )
+
+
+def _status(message: Any) -> Status:
+    return Status(message.name, message.message, {pair.key: pair.value for pair in message.values})
+
+
+def _spans(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[Span, ...]:
+    spans: list[Span] = []
+    for index, (time_ns, status) in enumerate(statuses):
+        until = statuses[index + 1][0] if index + 1 < len(statuses) else max(end_ns, time_ns)
+        if spans and spans[-1].name == status.message:
+            spans[-1] = Span(spans[-1].start_ns, until, status.message)
+        else:
+            spans.append(Span(time_ns, until, status.message))
+    return tuple(spans)
+
+
+def _trajectories(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[TrajectoryRun, ...]:
+    runs: list[TrajectoryRun] = []
+    for index, (_, status) in enumerate(statuses):
+        start, end = (int(status.values.get(key, "0") or 0) for key in ("start_time", "end_time"))
+        if status.message not in _IN_MOTION or start == 0 or (runs and runs[-1].start_ns == start):
+            continue
+        left = next((entry for entry in statuses[index + 1 :] if entry[1].message not in _IN_MOTION), None)
+        if left is not None and left[1].message != "finished":  # broken off
+            end = min(end, left[0])
+        end = min(end, end_ns)
+        if end > start:  # not one that was broken off on the way to its start
+            runs.append(TrajectoryRun(status.values.get("trajectory", ""), start, end))
+    return tuple(runs)
+
+
+def _state_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
+    for time_ns, status in statuses:
+        cause = status.values.get("cause") or status.values.get("remark") or ""
+        text = f"robot {status.message}" + (f": {cause}" if cause else "")
+        yield Event(time_ns, EventKind.FAULT if status.message == "fault" else EventKind.STATE, text)
+
+
+def _drive_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
+    """Yield each error of a drive once, when it appears."""
+    present: dict[str, str] = {}
+    for time_ns, status in statuses:
+        error = status.values.get("error_code", "0x0000")
+        trouble = status.message if "fault" in status.message else ""
+        if error not in ("0x0000", ""):
+            trouble = f"{status.message}, error {error}"
+        if trouble and present.get(status.name) != trouble:
+            yield Event(time_ns, EventKind.FAULT, f"{status.name}: {trouble}")
+        present[status.name] = trouble
+
+
+def _trajectory_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
+    for time_ns, status in statuses:
+        name = status.values.get("trajectory", "")
+        named = f" {name}" if name and status.message in (*_IN_MOTION, "finished") else ""
+        yield Event(time_ns, EventKind.STATE, f"trajectory{named}: {status.message}")
+
+
+def _log_events(lines: Iterable[tuple[int, Any]]) -> Iterable[Event]:
+    for time_ns, line in lines:
+        if line.level >= _WARNING:
+            kind = EventKind.FAULT if line.level >= _ERROR else EventKind.WARNING
+            yield Event(time_ns, kind, f"{line.name}: {line.msg}")

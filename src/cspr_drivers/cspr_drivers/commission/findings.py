@@ -1,0 +1,179 @@
+"""What has been found out about a machine so far, kept in a file so that the walk can be taken up again."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cspr_drivers.can_config import CanConfig
+from cspr_drivers.commission.found_devices import FoundDevice
+from cspr_drivers.errors import ConfigurationError
+from cspr_drivers.identity import Identity
+
+_FORM = 1  # of the file; another one is not read
+
+
+@dataclass
+class WinchFindings:
+    """What is known of one winch; `None` and `False` for what is not known yet.
+
+    Attributes
+    ----------
+    device
+        Its drive.
+    encoder_increments
+        Increments a revolution of the motor shaft.
+    rated_torque
+        N m.
+    polarity
+        +1 when the encoder counts up as cable is paid out, else -1.
+    scale_checked, brake_holds
+        Whether these tests were passed.
+    home_counts
+        Position value at the home pose.
+    """
+
+    device: FoundDevice
+    encoder_increments: int
+    rated_torque: float
+    polarity: int
+    scale_checked: bool = False
+    brake_holds: bool = False
+    home_counts: int | None = None
+
+
+@dataclass
+class CellFindings:
+    """What is known of one load cell.
+
+    Attributes
+    ----------
+    device
+        Its amplifier.
+    tared
+        Whether its zero was taken with a slack cable.
+    scale, offset
+        Of its calibration; `None` before it.
+    rms_residual
+        Of the calibration, N.
+    """
+
+    device: FoundDevice
+    tared: bool = False
+    scale: float | None = None
+    offset: float | None = None
+    rms_residual: float | None = None
+
+
+@dataclass
+class Findings:
+    """All winches and load cells, by the number of their cable, from 1."""
+
+    winches: dict[int, WinchFindings] = field(default_factory=dict)
+    cells: dict[int, CellFindings] = field(default_factory=dict)
+
+    def forget_missing(self, present: Iterable[FoundDevice]) -> list[FoundDevice]:
+        """Forget devices that are not on the bus any more; return them."""
+        found = set(present)
+        gone: list[FoundDevice] = []
+        for place, winch in list(self.winches.items()):
+            if winch.device not in found:
+                gone.append(self.winches.pop(place).device)
+        for place, cell in list(self.cells.items()):
+            if cell.device not in found:
+                gone.append(self.cells.pop(place).device)
+        return gone
+
+
+def commissioned(config: CanConfig, present: Iterable[FoundDevice]) -> Findings:
+    """Return what a configuration says of those devices that are on the bus, where it has them, and the same ones."""
+    found = {(device.bus, device.node_id): device for device in present}
+    findings = Findings()
+    for place, drive in enumerate(config.drives, start=1):
+        device = found.get((drive.bus, drive.node_id))
+        if device is not None and device.identity == drive.identity:
+            units = drive.units
+            findings.winches[place] = WinchFindings(
+                device,
+                units.encoder_increments,
+                units.rated_torque,
+                units.polarity,
+                scale_checked=True,
+                brake_holds=True,
+                home_counts=units.home_counts,
+            )
+    for place, cell in enumerate(config.load_cells, start=1):
+        device = found.get((cell.bus, cell.node_id))
+        if device is not None and device.identity == cell.identity:
+            findings.cells[place] = CellFindings(device, True, cell.units.scale, cell.units.offset)
+    return findings
+
+
+class FindingsFile:
+    """The file in which findings are kept until `can.yaml` is written.
+
+    Parameters
+    ----------
+    path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def load(self) -> Findings:
+        """Return what is kept; nothing when there is no file.
+
+        Raises
+        ------
+        ConfigurationError
+            If the file is there and cannot be used.
+        """
+        try:
+            content = json.loads(self.path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return Findings()
+        except (OSError, ValueError) as error:
+            raise self._unusable(str(error)) from None
+        if not isinstance(content, dict) or content.get("form") != _FORM:
+            raise self._unusable("it is of another form")
+        try:
+            return Findings(
+                {int(k): WinchFindings(**_with_device(v)) for k, v in content["winches"].items()},
+                {int(k): CellFindings(**_with_device(v)) for k, v in content["cells"].items()},
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._unusable(f"{type(error).__name__}: {error}") from None
+
+    def save(self, findings: Findings) -> None:
+        """Keep the findings; the file is whole at any moment."""
+        content = {"form": _FORM, **dataclasses.asdict(findings)}
+        replace_file(self.path, json.dumps(content, indent=1) + "\n")
+
+    def remove(self) -> None:
+        """Forget everything."""
+        self.path.unlink(missing_ok=True)
+
+    def _unusable(self, problem: str) -> ConfigurationError:
+        return ConfigurationError(f"{self.path}: cannot be taken up: {problem}; begin anew with --restart")
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write a file so that a loss of power leaves the old or the new one, and nothing in between."""
+    new = path.with_name(path.name + ".new")
+    with new.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)
+
+
+def _with_device(entry: dict[str, Any]) -> dict[str, Any]:
+    device = dict(entry["device"])
+    device["identity"] = Identity(**device["identity"])
+    return {**entry, "device": FoundDevice(**device)}

@@ -1,0 +1,47 @@
+"""The heartbeat of whoever leads the drives, on every bus, from a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from types import TracebackType
+
+from cspr_drivers.can_bus import CanPorts, CyclicFrame
+from cspr_drivers.frame_table import FunctionCode, cob_id
+
+_OPERATIONAL = b"\x05"  # CiA 301, section 7.2.8.3.2
+
+
+class MasterHeartbeat:
+    """Heartbeat between `__enter__` and `__exit__`; drives that watch it stop when it ends.
+
+    Parameters
+    ----------
+    ports
+        The buses.
+    node_id
+        Node id of the master.
+    period
+        s.
+    """
+
+    def __init__(self, ports: CanPorts, node_id: int, period: float) -> None:
+        self._ports = ports
+        self._frame = CyclicFrame(cob_id(FunctionCode.HEARTBEAT, node_id), _OPERATIONAL)
+        self._period = period
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def __enter__(self) -> MasterHeartbeat:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopping.wait(self._period):
+            for port in self._ports:
+                port.send(self._frame)

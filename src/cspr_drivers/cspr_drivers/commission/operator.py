@@ -1,0 +1,178 @@
+"""What is asked of the person at the machine, and how the answers are understood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol, TypeVar
+
+from cspr_drivers.errors import ConfigurationError, DriverError
+
+_T = TypeVar("_T")
+
+
+class WalkStoppedError(DriverError):
+    """The operator has ended the walk; what was found out until then is kept."""
+
+
+class Operator(Protocol):
+    """Whoever answers: a person at a terminal, or a file."""
+
+    def tell(self, text: str) -> None:
+        """Show a text."""
+        ...
+
+    def ask(self, key: str, question: str, default: str) -> str:
+        """Return the answer to a question.
+
+        Parameters
+        ----------
+        key
+            Name of the question, the same in every walk.
+        question
+            The question.
+        default
+            Answer that an empty line stands for; empty when there is none.
+        """
+        ...
+
+    def refuse(self, key: str, problem: str) -> None:
+        """Say why an answer cannot be used; the question is then asked again.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is nobody who could give another answer.
+        """
+        ...
+
+
+class FileOperator:
+    """Answers from a mapping of keys to answers, in place of a person.
+
+    Parameters
+    ----------
+    answers
+        An answer for each key, or a list of answers for a key that comes up more than once.
+    source
+        Where they come from, for messages.
+    show
+        Given each line that a person would see.
+    """
+
+    def __init__(self, answers: Mapping[str, object], source: str, show: Callable[[str], None]) -> None:
+        self._answers = {
+            key: list(value) if isinstance(value, list) else value for key, value in answers.items()
+        }
+        self._source = source
+        self._show = show
+
+    def tell(self, text: str) -> None:
+        """Show a text."""
+        self._show(text)
+
+    def ask(self, key: str, question: str, default: str) -> str:
+        """Return the answer of the file, or the default where the file has none.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is neither.
+        """
+        answer = self._answers.get(key, default)
+        if isinstance(answer, list):
+            answer = answer.pop(0) if answer else default
+        if answer == "":
+            raise ConfigurationError(f"{self._source}: {key} is missing: {question}")
+        text = {True: "yes", False: "no"}[answer] if isinstance(answer, bool) else str(answer)
+        self._show(f"{question} {text}")
+        return text
+
+    def refuse(self, key: str, problem: str) -> None:
+        """End the walk: the file would say the same again."""
+        raise ConfigurationError(f"{self._source}: {key}: {problem}")
+
+
+class Questions:
+    """Questions with answers of one kind each; what cannot be understood is asked again.
+
+    Parameters
+    ----------
+    operator
+        Who answers.
+    """
+
+    def __init__(self, operator: Operator) -> None:
+        self._operator = operator
+
+    def tell(self, text: str) -> None:
+        """Show a text."""
+        self._operator.tell(text)
+
+    def yes(self, key: str, question: str, default: str = "yes") -> bool:
+        """Return whether the answer is yes."""
+
+        def read(answer: str) -> bool:
+            word = answer.lower()
+            if word and "yes".startswith(word):
+                return True
+            if word and "no".startswith(word):
+                return False
+            raise ValueError("answer yes or no")
+
+        return self._until_understood(key, f"{question} [{default}]", default, read)
+
+    def done(self, key: str, request: str) -> None:
+        """Ask for something to be done, and wait until it is.
+
+        Raises
+        ------
+        WalkStoppedError
+            If it is not to be done.
+        """
+        if not self.yes(key, f"{request} Done?"):
+            raise WalkStoppedError(f"stopped at: {request}")
+
+    def choice(self, key: str, question: str, choices: Sequence[str], default: str = "") -> str:
+        """Return one of several words."""
+
+        def read(answer: str) -> str:
+            if answer not in choices:
+                raise ValueError("answer one of " + ", ".join(choices))
+            return answer
+
+        shown = f"{question} ({'/'.join(choices)})" + (f" [{default}]" if default else "")
+        return self._until_understood(key, shown, default, read)
+
+    def number(self, key: str, question: str, minimum: float, maximum: float) -> float:
+        """Return a number in a closed interval."""
+
+        def read(answer: str) -> float:
+            value = float(answer)
+            if not math.isfinite(value) or not minimum <= value <= maximum:
+                raise ValueError(f"answer a number from {minimum:g} to {maximum:g}")
+            return value
+
+        return self._until_understood(key, question, "", read)
+
+    def numbers(
+        self, key: str, question: str, minimum: float, maximum: float, default: str
+    ) -> tuple[float, ...]:
+        """Return one or more numbers in a closed interval, with spaces between them."""
+
+        def read(answer: str) -> tuple[float, ...]:
+            values = tuple(float(word) for word in answer.split())
+            if not values or not all(math.isfinite(v) and minimum <= v <= maximum for v in values):
+                raise ValueError(f"answer numbers from {minimum:g} to {maximum:g}, with spaces between them")
+            return values
+
+        shown = f"{question} [{default}]" if default else question
+        return self._until_understood(key, shown, default, read)
+
+    def _until_understood(self, key: str, question: str, default: str, read: Callable[[str], _T]) -> _T:
+        while True:
+            answer = self._operator.ask(key, question, default).strip() or default
+            try:
+                return read(answer)
+            except ValueError as error:
+                self._operator.refuse(key, f"'{answer}': {error}")

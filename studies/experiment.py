@@ -1,0 +1,115 @@
+"""The paper's experiment on the simulated plant: every controller with every load (figures 11 and 12)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import Pool
+from pathlib import Path
+
+import numpy as np
+
+from cspr_control.feedforward import FeedforwardModel, PayloadSource
+from cspr_control.trajectory_catalogue import TrajectoryName
+from studies.closed_loop import LoopRecord, LoopSettings, run, settling_time
+
+LOADS = (0.0, 100.0, 200.0)  # kg
+TRAJECTORIES = (TrajectoryName.PAPER_19, TrajectoryName.SMOOTH_19)
+NOMINAL = PayloadSource.NOMINAL
+CONTROLLERS = {  # by their names in the demo
+    "pd": LoopSettings(model=FeedforwardModel.NONE, payload_source=NOMINAL),
+    "static": LoopSettings(model=FeedforwardModel.STATIC, payload_source=NOMINAL),
+    "pdff": LoopSettings(payload_source=NOMINAL),
+    "pdff-mass": LoopSettings(),
+    "pdff (exact mass)": LoopSettings(exact_mass=True),
+    "static (exact mass)": LoopSettings(model=FeedforwardModel.STATIC, exact_mass=True),
+}
+COMPARED = tuple(CONTROLLERS)[:5]  # those of the paper; the last one tells the model's share from the mass's
+CHANGING = tuple(CONTROLLERS)[1:5]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: a controller, a trajectory, the load aboard and what is added at 3 s, kg."""
+
+    controller: str
+    trajectory: TrajectoryName
+    load: float
+    added: float = 0.0
+
+    @property
+    def settings(self) -> LoopSettings:
+        """The run as the closed loop takes it."""
+        chosen = CONTROLLERS[self.controller]
+        return LoopSettings(
+            model=chosen.model,
+            payload_source=chosen.payload_source,
+            exact_mass=chosen.exact_mass,
+            trajectory=self.trajectory,
+            payload=self.load,
+            added=self.added,
+        )
+
+    def __str__(self) -> str:
+        """Name the case."""
+        added = f" + {self.added:g} kg at 3 s" if self.added else ""
+        return f"{self.controller} on {self.trajectory.value} with {self.load:g} kg{added}"
+
+
+def all_cases() -> list[Case]:
+    """Return the cases of figures 11 and 12, and a load that changes on the way."""
+    cases = [
+        Case(name, trajectory, load) for trajectory in TRAJECTORIES for load in LOADS for name in COMPARED
+    ]
+    cases += [Case("static (exact mass)", trajectory, LOADS[-1]) for trajectory in TRAJECTORIES]
+    return cases + [Case(name, TrajectoryName.PAPER_19, 100.0, 100.0) for name in CHANGING]
+
+
+def run_cases(
+    cases: list[Case], config: Path, processes: int | None = None
+) -> Iterator[tuple[Case, LoopRecord]]:
+    """Yield each case with its record, in the order of the cases, as they are done."""
+    with Pool(processes) as pool:
+        yield from zip(cases, pool.imap(partial(_run, config=config), cases, chunksize=1), strict=True)
+
+
+def _run(case: Case, config: Path) -> LoopRecord:
+    return run(case.settings, config)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The numbers of one case; degrees and rad/s at the motor shafts, m motors."""
+
+    rms_deg: tuple[float, ...]
+    max_deg: tuple[float, ...]
+    rms_speed: tuple[float, ...]
+    tension_rms: tuple[float, ...]  # N, true less what the feed-forward counted on
+    saturated: float  # share of the commands at the torque limit
+    mass_error: float  # kg, estimate less truth at the end
+    settling_time: float  # s, from the change of the load, or the start, until the estimate stays within 2 %
+    faster_than_real_time: float  # simulated time over the machine's
+
+    @property
+    def mean_rms_deg(self) -> float:
+        """Mean of the motors."""
+        return float(np.mean(self.rms_deg))
+
+
+def outcome(record: LoopRecord, torque_limit: float) -> Outcome:
+    """Return the numbers of a record."""
+
+    def rms(values: np.ndarray) -> tuple[float, ...]:
+        return tuple(np.sqrt((values**2).mean(axis=0)).tolist())
+
+    return Outcome(
+        rms_deg=tuple(record.rms_deg.tolist()),
+        max_deg=tuple(record.max_deg.tolist()),
+        rms_speed=rms(record.velocity_error),
+        tension_rms=rms(record.tensions - record.asked_tensions),
+        saturated=float((np.abs(record.torque) >= torque_limit).mean()),
+        mass_error=float(record.mass_estimate[-1] - record.mass_true[-1]),
+        settling_time=settling_time(record),
+        faster_than_real_time=record.simulated / record.elapsed,
+    )

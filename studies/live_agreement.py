@@ -1,0 +1,146 @@
+"""A run that was recorded live, through the whole graph, against the same case run here without ROS."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.errors import ControlError
+from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_msgs_py.bag_reader import Bag
+from cspr_msgs_py.topics import SIMULATED_PAYLOAD
+from studies.closed_loop import CONFIG, LoopSettings, run, settling_time
+from studies.experiment import CONTROLLERS
+
+MEAN_TOLERANCE = 0.07  # of the mean RMS error
+MOTOR_TOLERANCE = 0.2  # of the RMS error of each motor
+MASS_TOLERANCE = 0.5  # kg, of the final estimate
+SETTLING_TOLERANCE = 0.1  # s
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """What a directory of the demo says of its run."""
+
+    directory: Path
+    settings: LoopSettings
+    name: str
+    rms_deg: NDArray[np.float64]  # (m,)
+    mass_estimate: float  # kg, at the end
+    settling_time: float  # s
+    missed: float  # share of the control cycles
+    pace: float  # s of the machine in one of the computer
+
+    @staticmethod
+    def read(directory: Path) -> LiveRun:
+        """Read a run: its case, when in a control cycle it began, its latency and its outcome.
+
+        Raises
+        ------
+        ControlError, cspr_msgs_py.errors.BagError
+            If it is not a run of the demo, or its bag cannot be read.
+        """
+        try:
+            summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+            name = summary["controller"] + (" (exact mass)" if summary["exact_mass"] else "")
+            chosen = CONTROLLERS[name]
+            trajectory = TrajectoryName(summary["trajectory"])
+            latency = summary["command_latency_us"]["p50"] * 1e-6
+            settled = summary["mass_settling_time_s"]
+            with Bag(directory / "bag") as bag:
+                references, truth = bag.references(), bag.inertias(SIMULATED_PAYLOAD.name)
+        except (OSError, ValueError, KeyError) as error:
+            raise ControlError(
+                f"{directory} is not a run of the demo: {type(error).__name__} {error}"
+            ) from error
+        moving = np.flatnonzero(references.time_from_start > 0.0)
+        if moving.size == 0:
+            raise ControlError(f"{directory}: the platform followed no trajectory")
+        phase = float(references.time_from_start[moving[0]])
+        start = int(references.time_ns[moving[0]]) - round(phase * 1e9)
+        # the simulated machine may have run slower than the clock by which the recorder counts
+        pace = float(np.ptp(references.time_ns[moving]) / np.ptp(references.log_time_ns[moving]))
+        told = np.interp(truth.log_time_ns, references.log_time_ns, references.time_ns)
+        masses = truth.mass[told <= references.time_ns[moving[-1]]]
+        changes = np.flatnonzero(np.abs(np.diff(masses)) > 1e-6)
+        added_at = (told[changes[-1] + 1] - start) * 1e-9 if changes.size else 0.0
+        settings = replace(
+            chosen,
+            trajectory=trajectory,
+            payload=float(masses[0]),
+            added=float(masses[-1] - masses[0]),
+            added_at=round(float(added_at), 1),  # the truth is told 50 times a second
+            latency=latency,
+            phase=phase % chosen.period,
+            estimator_cycles=max(
+                1, round(chosen.estimator_cycles * pace)
+            ),  # the estimator keeps the computer's time
+        )
+        return LiveRun(
+            directory,
+            settings,
+            name,
+            np.array(summary["rms_position_error_deg"]),
+            summary["mass_estimate_final_kg"],
+            np.inf if settled is None else settled,
+            summary["missed_cycles"] / max(summary["cycles"], 1),
+            pace,
+        )
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Both outcomes of one case."""
+
+    live: LiveRun
+    rms_deg: NDArray[np.float64]  # (m,), without ROS
+    mass_estimate: float
+    settling_time: float
+
+    @property
+    def mean_deviation(self) -> float:
+        """Live less offline, as a share, of the mean RMS error."""
+        return float(self.live.rms_deg.mean() / self.rms_deg.mean() - 1.0)
+
+    @property
+    def largest_deviation(self) -> float:
+        """Largest share, in magnitude, by which one motor's RMS error differs."""
+        return float(np.abs(self.live.rms_deg / self.rms_deg - 1.0).max())
+
+    @property
+    def mass_deviation(self) -> float:
+        """Live less offline final estimate, kg."""
+        return self.live.mass_estimate - self.mass_estimate
+
+    @property
+    def settling_deviation(self) -> float:
+        """Live less offline settling time, s."""
+        return (
+            0.0
+            if self.live.settling_time == self.settling_time
+            else self.live.settling_time - self.settling_time
+        )
+
+    @property
+    def within_tolerance(self) -> bool:
+        """Whether every number agrees within its tolerance."""
+        return (
+            abs(self.mean_deviation) <= MEAN_TOLERANCE
+            and self.largest_deviation <= MOTOR_TOLERANCE
+            and abs(self.mass_deviation) <= MASS_TOLERANCE
+            and abs(self.settling_deviation) <= SETTLING_TOLERANCE
+        )
+
+
+def agreement(live: LiveRun) -> Agreement:
+    """Run the case of a live run without ROS, with the configuration of that run.
+
+    A run at less than full speed has its times scaled in its configuration; here they are as shipped.
+    """
+    full_speed = abs(live.pace - 1.0) < 0.02
+    record = run(live.settings, live.directory / "config" if full_speed else CONFIG)
+    return Agreement(live, record.rms_deg, float(record.mass_estimate[-1]), settling_time(record))

@@ -1,0 +1,155 @@
+"""Reproduce the paper: `make paper`."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from time import monotonic
+
+from cspr_control.errors import ControlError
+from cspr_kinematics import KinematicsError, Robot
+from cspr_kinematics.warm_up import warm_up
+from cspr_msgs_py.errors import MessagesError
+from studies.experiment import all_cases, run_cases
+from studies.live_agreement import Agreement, LiveRun, agreement
+from studies.paper_document import agreement_block, fill, loop_blocks, tension_blocks
+from studies.paper_figures import draw_loop_figures, draw_tension_figures
+from studies.paper_results import LoopResults, TensionResults, write_loop_tables, write_tension_tables
+
+ROOT = Path(__file__).parents[1]
+DOCUMENT = ROOT / "docs" / "paper.md"
+FIGURES = ROOT / "docs" / "paper"
+
+DESCRIPTION = """\
+Run the studies of the paper and compare them with what it states: the tensions by the static and the dynamic model
+along its trajectories (figures 7 to 10), its controllers with its loads in closed loop on the simulated plant
+(figures 11 and 12, faster than real time and without ROS), and one of these cases live through the node graph.
+
+Writes DIR/figure_NN.csv (the numbers), DIR/figure_NN.png and .svg, and DIR/paper.md (the comparison)."""
+EPILOG = """\
+examples, as arguments of: make paper ARGS="..."
+  --only tensions            figures 7 to 10: some seconds
+  --live runs/latest         a run of the demo that is there already, instead of a new one
+  --live none                without a live run
+  --update                   bring docs/paper.md and its figures up to date too"""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the studies; returns the exit status."""
+    options = _parse(args)
+    try:
+        return _run(options)
+    except KeyboardInterrupt:
+        print("paper: interrupted", file=sys.stderr)
+        return 130
+    except (ControlError, KinematicsError, MessagesError, OSError) as error:
+        print(f"paper: {error}", file=sys.stderr)
+        return 1
+
+
+def _run(options: argparse.Namespace) -> int:
+    output = Path(options.output)
+    output.mkdir(parents=True, exist_ok=True)
+    robot = Robot.from_yaml(ROOT / "config" / "robot.yaml")
+    warm_up(robot)
+    document = DOCUMENT.read_text(encoding="utf-8")
+
+    began = monotonic()
+    tensions = TensionResults.compute(robot)
+    write_tension_tables(tensions, robot, output)
+    draw_tension_figures(tensions, robot, output)
+    document = fill(document, tension_blocks(tensions, robot))
+    print(f"figures 7 to 10: {monotonic() - began:.1f} s", flush=True)
+
+    agrees = True
+    if options.only != "tensions":
+        loops = _closed_loops(robot)
+        write_loop_tables(loops, output)
+        draw_loop_figures(loops, output)
+        document = fill(document, loop_blocks(loops))
+        if options.live != "none":
+            try:
+                compared = _compare_live(options.live, options.speed, output)
+            except (ControlError, MessagesError) as error:  # what is done already must not be lost
+                print(f"paper: {error}", file=sys.stderr)
+                agrees = False
+            else:
+                document = fill(document, agreement_block(compared))
+                agrees = compared.within_tolerance
+    (output / "paper.md").write_text(document.replace("](paper/", "]("), encoding="utf-8")
+    if options.update:
+        DOCUMENT.write_text(document, encoding="utf-8")
+        FIGURES.mkdir(exist_ok=True)
+        for picture in sorted(output.glob("figure_*.png")):
+            shutil.copyfile(picture, FIGURES / picture.name)
+    print(f"written to {output}: tables, figures, paper.md")
+    return 0 if agrees else 1
+
+
+def _closed_loops(robot: Robot) -> LoopResults:
+    cases = all_cases()
+    began = monotonic()
+    records = {}
+    for case, record in run_cases(cases, ROOT / "config"):
+        records[case] = record
+        print(
+            f"{len(records):3} of {len(cases)}  {case!s:58} {record.rms_deg.mean():6.2f} deg   "
+            f"{record.simulated / record.elapsed:4.1f} x real time",
+            flush=True,
+        )
+    results = LoopResults.of(records, robot, monotonic() - began)
+    simulated = sum(record.simulated for record in records.values())
+    print(f"figures 11 and 12: {simulated:.0f} s of robot time in {results.elapsed:.0f} s", flush=True)
+    return results
+
+
+def _compare_live(live: str | None, speed: str, output: Path) -> Agreement:
+    directory = Path(live) if live is not None else _run_demo(output / "live", speed)
+    compared = agreement(LiveRun.read(directory))
+    print(
+        f"live against without ROS: {compared.live.rms_deg.mean():.2f} and {compared.rms_deg.mean():.2f} deg, "
+        f"{'within' if compared.within_tolerance else 'NOT within'} the tolerance",
+        flush=True,
+    )
+    return compared
+
+
+def _run_demo(runs: Path, speed: str) -> Path:
+    """Run the default case of the demo; returns the directory of the run."""
+    command = [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(runs), "--speed", speed]
+    if subprocess.run(command, cwd=ROOT, check=False).returncode != 0:
+        raise ControlError(
+            "the live run failed; --live none leaves it out, --live RUN takes another one, --speed 0.5 makes it slower"
+        )
+    return (runs / "latest").resolve()
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="paper",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--only", choices=["tensions"], help="what needs no plant: figures 7 to 10")
+    parser.add_argument(
+        "--live",
+        metavar="RUN",
+        help="directory of a run of the demo, or none; default: a new run, half a minute",
+    )
+    parser.add_argument(
+        "--output",
+        default="runs/paper",
+        metavar="DIR",
+        help="default: %(default)s; what is there is replaced",
+    )
+    parser.add_argument("--update", action="store_true", help="also replace the tables and figures in docs/")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""Figures 7 to 12 from the studies' numbers, in the one style of all figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cspr_control.analysis.paper_figures import (
+    deviation_figure,
+    motor_error_figure,
+    motor_error_over_time_figure,
+    payload_change_figure,
+    tension_figure,
+    trajectory_figure,
+)
+from cspr_control.analysis.style import house_style, save_figure
+from cspr_control.paper_trajectories import paper_18
+from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_kinematics import Robot
+from studies.experiment import COMPARED, LOADS, TRAJECTORIES, Case
+from studies.paper_results import SHOWN_CABLE, SHOWN_MOTOR, LoopResults, TensionResults
+from studies.tension_deviation import ADDED_AT, SAMPLE_TIME, SWITCH_19
+
+
+def draw_tension_figures(results: TensionResults, robot: Robot, directory: Path) -> None:
+    """Draw figures 7 to 10."""
+    trajectory = paper_18(robot.trajectory_center)
+    time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1) * SAMPLE_TIME
+    positions = np.array([trajectory.sample(t).pose.position for t in time.tolist()])
+    first, third = results.first, results.third
+    cable = third.deviation[:, SHOWN_CABLE - 1]
+    with house_style():
+        _save(trajectory_figure(time, positions, title="Trajectory (18)"), directory, 7)
+        title = "Tensions along (18) with 200 kg, dynamic model"
+        _save(tension_figure(first.time, first.dynamic, first.static, title), directory, 8)
+        _save(deviation_figure(results.accelerating), directory, 9)
+        _save(payload_change_figure(third.time, cable, ADDED_AT, SHOWN_CABLE, "+100 kg"), directory, 10)
+
+
+def draw_loop_figures(results: LoopResults, directory: Path) -> None:
+    """Draw figures 11 and 12, each for the trajectory as printed and for the smooth one."""
+    with house_style():
+        for trajectory in TRAJECTORIES:
+            suffix = "" if trajectory is TrajectoryName.PAPER_19 else "_smooth"
+            errors = {
+                name: {
+                    load: np.array(results.outcomes[Case(name, trajectory, load)].rms_deg) for load in LOADS
+                }
+                for name in COMPARED
+            }
+            _save(motor_error_figure(errors), directory, 11, suffix)
+            traces = {}
+            for load in LOADS:
+                records = {name: results.records[Case(name, trajectory, load)] for name in COMPARED}
+                traces[f"{load:g} kg"] = {
+                    name: (record.time, np.degrees(record.position_error[:, SHOWN_MOTOR - 1]))
+                    for name, record in records.items()
+                }
+            changes = (SWITCH_19,) if trajectory is TrajectoryName.PAPER_19 else ()
+            _save(motor_error_over_time_figure(traces, SHOWN_MOTOR, changes), directory, 12, suffix)
+
+
+def _save(figure: Figure, directory: Path, number: int, suffix: str = "") -> None:
+    save_figure(figure, directory, f"figure_{number:02d}{suffix}")

@@ -1,0 +1,159 @@
+"""The numbers behind the figures: everything that the studies gave, and the files they go into."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cspr_control.analysis.error_statistics import ErrorStatistics
+from cspr_control.paper_trajectories import paper_18, paper_19, paper_19_tilt
+from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_kinematics import Robot
+from studies.closed_loop import LoopRecord
+from studies.experiment import Case, Outcome, outcome
+from studies.tension_deviation import (
+    ADDED_AT,
+    SAMPLE_TIME,
+    SWITCH_18,
+    SWITCH_19,
+    TensionStudy,
+    first_simulation,
+    second_simulation,
+    third_simulation,
+)
+
+SHOWN_MOTOR = 3  # of figure 12
+SHOWN_CABLE = 1  # of figure 10
+
+
+@dataclass(frozen=True)
+class TensionResults:
+    """The three simulations of figures 8 to 10."""
+
+    first: TensionStudy
+    second: TensionStudy
+    third: TensionStudy
+
+    @staticmethod
+    def compute(robot: Robot) -> TensionResults:
+        """Run them."""
+        return TensionResults(first_simulation(robot), second_simulation(robot), third_simulation(robot))
+
+    @property
+    def accelerating(self) -> dict[str, ErrorStatistics]:
+        """Statistics of the first and the second simulation while the platform accelerates.
+
+        Over the whole trajectory the median would say little: half of the samples are zero.
+        """
+        return {
+            study.name: ErrorStatistics.of(study.between(0.0, switch + SAMPLE_TIME).deviation)
+            for study, switch in ((self.first, SWITCH_18), (self.second, SWITCH_19))
+        }
+
+    @property
+    def payload_change(self) -> tuple[ErrorStatistics, ErrorStatistics]:
+        """Statistics of the third simulation before and after the load is added."""
+        return (
+            ErrorStatistics.of(self.third.between(0.0, ADDED_AT).deviation),
+            ErrorStatistics.of(self.third.between(ADDED_AT, np.inf).deviation),
+        )
+
+
+@dataclass(frozen=True)
+class LoopResults:
+    """The runs of figures 11 and 12."""
+
+    records: dict[Case, LoopRecord]
+    outcomes: dict[Case, Outcome]
+    elapsed: float  # s, of all together
+
+    @staticmethod
+    def of(records: dict[Case, LoopRecord], robot: Robot, elapsed: float) -> LoopResults:
+        """Judge the records."""
+        outcomes = {case: outcome(record, robot.motor.torque_limit) for case, record in records.items()}
+        return LoopResults(records, outcomes, elapsed)
+
+    def rms(self, controller: str, trajectory: TrajectoryName, load: float, added: float = 0.0) -> float:
+        """Mean over the motors of the RMS position error of a case, degrees."""
+        return self.outcomes[Case(controller, trajectory, load, added)].mean_rms_deg
+
+
+def write_tension_tables(results: TensionResults, robot: Robot, directory: Path) -> None:
+    """Write the numbers of figures 7 to 10 as CSV."""
+    cables = range(1, robot.number_of_cables + 1)
+    rows = []
+    for make in (paper_18, paper_19, paper_19_tilt):
+        trajectory = make(robot.trajectory_center)
+        for k in range(round(trajectory.duration / SAMPLE_TIME) + 1):
+            point = trajectory.sample(k * SAMPLE_TIME)
+            values = np.concatenate((point.pose.position, np.degrees(point.pose.euler), point.twist.linear))
+            rows.append([trajectory.name, k * SAMPLE_TIME, *values, *point.acceleration.linear])
+    vectors = [f"{name}{axis}" for name in ("", "v", "a") for axis in "xyz"]
+    names = [*vectors[:3], "alpha_deg", "beta_deg", "gamma_deg", *vectors[3:]]
+    _write(directory / "figure_07.csv", ["trajectory", "time_s", *names], rows)
+    rows = [
+        [study.name, time, payload, *dynamic, *(dynamic - static)]
+        for study in (results.first, results.second, results.third)
+        for time, payload, dynamic, static in zip(
+            study.time, study.payload, study.dynamic, study.static, strict=True
+        )
+    ]
+    names = [f"{what}_{k}_N" for what in ("dynamic", "deviation") for k in cables]
+    _write(directory / "figure_08.csv", ["simulation", "time_s", "payload_kg", *names], rows)
+    rows = [
+        [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
+        for name, one in results.accelerating.items()
+        for k in cables
+    ]
+    _write(directory / "figure_09.csv", ["simulation", "cable", "max_N", "median_N", "rms_N"], rows)
+    before, after = results.payload_change
+    rows = [
+        [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
+        for name, one in (("before", before), ("after", after), ("delta", before - after))
+        for k in cables
+    ]
+    _write(directory / "figure_10.csv", ["interval", "cable", "max_N", "median_N", "rms_N"], rows)
+
+
+def write_loop_tables(results: LoopResults, directory: Path) -> None:
+    """Write the numbers of figures 11 and 12 as CSV, and the mass estimates over time."""
+    m = len(next(iter(results.outcomes.values())).rms_deg)
+    names = [
+        f"{what}_{k}"
+        for what in ("rms_deg", "max_deg", "rms_rad_s", "tension_rms_N")
+        for k in range(1, m + 1)
+    ]
+    rows = []
+    for case, one in results.outcomes.items():
+        numbers = (*one.rms_deg, *one.max_deg, *one.rms_speed, *one.tension_rms)
+        judged = (one.mean_rms_deg, one.saturated, one.mass_error, one.settling_time)
+        rows.append([case.controller, case.trajectory.value, case.load, case.added, *numbers, *judged])
+    head = ["controller", "trajectory", "load_kg", "added_kg"]
+    judged_names = ["mean_rms_deg", "saturated_share", "mass_error_kg", "settling_time_s"]
+    _write(directory / "figure_11.csv", [*head, *names, *judged_names], rows)
+    rows = [
+        [case.controller, case.trajectory.value, case.load, case.added, time, error, estimate, true]
+        for case, record in results.records.items()
+        for time, error, estimate, true in zip(
+            record.time,
+            np.degrees(record.position_error[:, SHOWN_MOTOR - 1]),
+            record.mass_estimate,
+            record.mass_true,
+            strict=True,
+        )
+    ]
+    names = ["time_s", f"error_{SHOWN_MOTOR}_deg", "mass_estimate_kg", "mass_true_kg"]
+    _write(directory / "figure_12.csv", [*head, *names], rows)
+
+
+def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for row in rows:
+            writer.writerow([f"{value:.6g}" if isinstance(value, float) else value for value in row])

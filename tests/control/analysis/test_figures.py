@@ -1,0 +1,118 @@
+"""Pictures: every figure is drawn, in a style that anybody can read."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from cspr_control.analysis.error_statistics import ErrorStatistics
+from cspr_control.analysis.figures import payload_change, save_figures
+from cspr_control.analysis.paper_figures import deviation_figure, motor_error_figure, payload_change_figure
+from cspr_control.analysis.run_analysis import RunAnalysis
+from cspr_control.analysis.style import COLOURS, controller_title, house_style, motor_line, save_figure
+
+ONE_RUN = {
+    "fig07_trajectory", "fig08_model_tensions", "fig09_model_deviation", "fig10_payload_change",
+    "fig11_motor_error_by_load", "fig12_motor_error", "measured_tensions", "mass_estimate", "cable_lengths",
+    "motor_errors", "cycle_histogram",
+}  # fmt: skip
+# Machado, Oliveira and Fernandes (2009), "A Physiologically-based Model for Simulation of Color Vision Deficiency",
+# severity 1, on linear RGB
+VISION = {
+    "normal": np.eye(3),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "tritanopia": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
+
+
+def linear(colour: str) -> np.ndarray:
+    """Linear RGB of a colour in sRGB (IEC 61966-2-1)."""
+    channels = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    return np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    """CIE L*a*b* with white D65."""
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    x, y, z = to_xyz @ np.clip(rgb, 0.0, 1.0) / (0.9505, 1.0, 1.0888)
+    f = [np.cbrt(v) if v > 0.008856 else 7.787 * v + 16.0 / 116.0 for v in (x, y, z)]
+    return np.array([116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("vision", VISION)
+def test_colours_stay_apart_with_any_colour_vision(vision: str) -> None:
+    seen = {colour: lab(VISION[vision] @ linear(colour)) for colour in COLOURS}
+    for (one, first), (other, second) in itertools.combinations(seen.items(), 2):
+        assert np.linalg.norm(first - second) > 15.0, f"{one} and {other}"
+
+
+def test_colours_can_be_seen_on_white() -> None:
+    for colour in COLOURS:
+        luminance = float(np.array([0.2126, 0.7152, 0.0722]) @ linear(colour))
+        assert 1.05 / (luminance + 0.05) > 2.2, colour
+
+
+def test_more_motors_than_colours_are_dashed() -> None:
+    lines = [motor_line(k) for k in range(16)]
+    assert len({tuple(line.values()) for line in lines}) == 16
+
+
+def test_controllers_have_their_names_of_the_paper() -> None:
+    assert controller_title("pdff-mass") == "PDFF + mass"
+    assert controller_title("pdff (exact mass) 2026-01-01") == "PDFF, exact mass 2026-01-01"
+    assert controller_title("kp 4") == "kp 4"
+
+
+def test_every_figure_of_a_run_as_png_and_svg(run: RunAnalysis, tmp_path: Path) -> None:
+    pictures = save_figures([run], tmp_path)
+    assert {path.stem for path in pictures} == ONE_RUN
+    for path in pictures:
+        assert path.read_bytes().startswith(b"\x89PNG")
+        assert path.stat().st_size > 5_000
+        assert ElementTree.parse(path.with_suffix(".svg")).getroot().tag.endswith("svg")
+
+
+def test_figure_10_ends_where_the_acceleration_does(run: RunAnalysis) -> None:
+    found = payload_change(run)
+    assert found is not None
+    change, time_ns, deviation = found
+    assert (change.mass_before, change.mass) == (50.0, 100.0)
+    time = run.recording.seconds(time_ns)
+    assert time[0] == pytest.approx(0.0, abs=1e-6)
+    assert time[-1] == pytest.approx(4.0, abs=0.005)
+    assert deviation.shape == (time.size, 1)
+
+
+def test_drawn_values_are_the_given_ones(tmp_path: Path) -> None:
+    with house_style():
+        errors = {"static": {200.0: np.arange(1.0, 9.0), 0.0: np.ones(8)}}
+        (axis,) = motor_error_figure(errors).axes
+        assert [label.get_text() for label in axis.get_xticklabels()] == ["0", "200"]
+        heights = sorted(bar.get_height() for bar in axis.patches)
+        np.testing.assert_allclose(heights, sorted([*np.ones(8), *np.arange(1.0, 9.0)]))
+        assert axis.get_ylabel() == "RMS position error, deg"
+
+        one = ErrorStatistics.of(np.array([[1.0, -2.0], [3.0, 2.0]]))
+        maximum, median, rms = deviation_figure({"(18)": one}).axes
+        for axis, values in ((maximum, one.maximum), (median, one.median), (rms, one.rms)):
+            np.testing.assert_allclose([bar.get_height() for bar in axis.patches], values)
+
+        time = np.arange(0.0, 5.0, 0.1)
+        change = payload_change_figure(time, np.where(time < 3.0, 2.0, 5.0), 3.0)
+        bars = [bar.get_height() for bar in change.axes[1].patches]
+        np.testing.assert_allclose(bars, [2.0] * 3 + [5.0] * 3 + [-3.0] * 3)
+        picture, drawing = save_figure(change, tmp_path, "fig10")
+        again = payload_change_figure(time, np.where(time < 3.0, 2.0, 5.0), 3.0)
+        assert save_figure(again, tmp_path / "again", "fig10")[1].read_bytes() == drawing.read_bytes()
+        assert picture.name == "fig10.png"

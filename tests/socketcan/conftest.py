@@ -1,0 +1,534 @@
+"""The drivers and the emulated robot as two processes on the kernel's CAN, vcan0 and vcan1.
+
+One pair of processes serves all tests of a module; each test begins with the drives disabled, after a fault reset by
+the operator where the one before has left a fault. What is on the wire is what candump says.
+"""
+
+import contextlib
+import copy
+import itertools
+import os
+import re
+import shutil
+import signal
+import socket
+import statistics
+import struct
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from cspr_msgs_py.conversions import from_diagnostic_array
+from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.nodes.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    DIAGNOSTICS,
+    DRIVE_STATES,
+    MOTOR_STATES,
+    cable_names,
+    motor_command,
+    motor_names,
+)
+
+ROOT = Path(__file__).parents[2]
+CHANNELS = ("vcan0", "vcan1")
+MOTORS = 8
+PATIENCE = 300.0  # s; a generous limit for what takes seconds on a quiet machine
+
+# One virtual CPU of a slow machine runs drivers, devices, plant and test: a slower cycle, and watchdogs to match.
+# A freeze of 1 s is longer than what the drives tolerate.
+RATE = 10.0  # Hz, unless a module has a RATE of its own
+TIMEOUTS = {
+    "command": 1.0,
+    "feedback": 1.0,
+    "rpdo": 0.8,
+    "heartbeat_producer": 0.3,
+    "heartbeat_consumer": 0.9,
+    "sdo": 5.0,
+    "transition": 5.0,
+    "enable": 15.0,
+    "stop": 10.0,
+}
+
+KP, KD = 0.3, 0.03  # N m/rad and N m s/rad of the probe that plays the motor controllers
+
+
+def pytest_collection_modifyitems(items):
+    """Skip, and say what is missing, on a machine without these interfaces."""
+    if lack := _lack():
+        for item in items:
+            if Path(__file__).parent in item.path.parents:
+                item.add_marker(pytest.mark.skip(reason=lack))
+
+
+def _lack():
+    missing = [name for name in CHANNELS if not Path("/sys/class/net", name).exists()]
+    if missing:
+        return f"no CAN interface {' and '.join(missing)}: `make test-socketcan` makes them, or says what is missing"
+    if shutil.which("candump") is None:
+        return "no candump: `apt install can-utils`"
+    if os.geteuid() != 0:
+        return "the tests take interfaces down: root is needed"
+    return ""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One line of `candump -L`."""
+
+    time: float  # s
+    channel: str
+    identifier: int
+    data: bytes
+
+
+_LINE = re.compile(r"\(([\d.]+)\) (\w+) ([0-9A-F]+)#([0-9A-F]*)")
+
+
+class Candump:
+    """can-utils' candump, as a witness that shares no code with either end."""
+
+    def __init__(self, path, filters=""):
+        self._path = path
+        self._file = path.open("w")
+        channels = [name + filters for name in CHANNELS]
+        self._process = subprocess.Popen(["candump", "-L", *channels], stdout=self._file)
+        self._offset = 0
+
+    def frames(self, since=0.0):
+        """Return the frames that were seen from a moment (s of the system clock) on."""
+        lines = self._path.read_text().splitlines()
+        found = [_LINE.fullmatch(line) for line in lines]
+        frames = [Frame(float(f[1]), f[2], int(f[3], 16), bytes.fromhex(f[4])) for f in found if f]
+        return [frame for frame in frames if frame.time >= since]
+
+    def close(self):
+        self._process.terminate()
+        self._process.wait(10.0)
+        self._file.close()
+
+
+class Process:
+    """One executable of the product, its log in a file."""
+
+    def __init__(self, name, module, arguments, directory, ros=True):
+        self.name = name
+        self.log = directory / f"{name}.log"
+        with self.log.open("w") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", module, *(["--ros-args"] if ros else []), *map(str, arguments)],
+                cwd=ROOT,
+                env=os.environ | {"PYTHONUNBUFFERED": "1"},
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def running(self):
+        return self._process.poll() is None
+
+    def wait_until_ready(self):
+        """Wait for the line that every executable writes when it has started."""
+        wait_for(
+            lambda: " ready\n" in self.log.read_text() or not self.running,
+            lambda: f"{self.name} does not start: {self.log.read_text()}",
+        )
+        assert self.running, self.log.read_text()
+
+    def send(self, number):
+        self._process.send_signal(number)
+
+    def wait(self):
+        return self._process.wait(PATIENCE)
+
+    def end(self):
+        if self.running:
+            self._process.send_signal(signal.SIGCONT)
+            self._process.terminate()
+            try:
+                self._process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+
+
+class Probe:
+    """Plays the motor controllers: a torque that holds the platform for every state, and the operator's services."""
+
+    def __init__(self):
+        self._context = Context()
+        rclpy.init(args=[], context=self._context)
+        self.node = Node("probe", context=self._context)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._lock = threading.Lock()
+        self.answers = True
+        self.override = None  # torque, N m, that motor 3 is commanded instead
+        self.state = None
+        self.tensions = None
+        self.drives = {}
+        self.health = {}
+        self._anchor = None
+        self._holding = None
+        names = motor_names(MOTORS)
+        self._states = JointStateCodec(names)
+        self._cells = JointStateCodec(cable_names(MOTORS), position=False, velocity=False)
+        self._codecs = [JointStateCodec((name,), position=False, velocity=False) for name in names]
+        self._commands = [advertise(self.node, motor_command(k)) for k in range(1, MOTORS + 1)]
+        subscribe_raw(self.node, MOTOR_STATES, self._answer)
+        subscribe_raw(self.node, CABLE_TENSIONS, self._measured)
+        subscribe(self.node, DRIVE_STATES, self._note_drives)
+        subscribe(self.node, DIAGNOSTICS, self._note_health)
+        self._clients = {}
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self):
+        while not self._stopping.is_set():
+            self._executor.spin_once(timeout_sec=0.2)
+
+    def _answer(self, buffer):
+        state = self._states.decode(buffer)
+        self.state = state
+        if not self.answers or self.tensions is None:
+            return
+        if self._anchor is None:
+            self._anchor = state.position.copy()
+            self._holding = -0.05 / 30.0 * self.tensions  # drum radius over gear ratio
+        torque = self._holding - KP * (state.position - self._anchor) - KD * state.velocity
+        if self.override is not None:
+            torque[2] = self.override
+        for codec, publisher, effort in zip(self._codecs, self._commands, torque, strict=True):
+            publisher.publish(codec.encode(state.stamp_ns, effort=[effort]))
+
+    def _measured(self, buffer):
+        self.tensions = self._cells.decode(buffer).effort
+
+    def _note_drives(self, message):
+        self.drives = from_diagnostic_array(message)
+
+    def _note_health(self, message):
+        self.health.update(from_diagnostic_array(message))
+
+    def forget_drives(self):
+        """Forget what drivers that are gone have said, and wait for the present ones to say something."""
+        self.drives = {}
+
+    def begin_here(self):
+        """Hold the platform where it is from now on."""
+        self._anchor = None
+
+    def call(self, service, kind=Trigger, request=None):
+        """Call a service; return its response."""
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self.node.create_client(kind, service)
+        wait_for(client.service_is_ready, f"{service} is not offered")
+        future = client.call_async(kind.Request() if request is None else request)
+        wait_for(future.done, f"{service} did not answer")
+        return future.result()
+
+    @property
+    def group(self):
+        """State and cause of the drives as a whole."""
+        if "can_drives" not in self.drives:
+            return "", ""
+        _, state, values = self.drives["can_drives"]
+        return state, values["cause"]
+
+    @property
+    def brakes_open(self):
+        """Brakes that are open in the plant, as the emulated robot says once a second."""
+        values = self.health.get("simulated_robot", (0, "", {}))[2]
+        return int(values.get("brakes_open", -1))
+
+    def close(self):
+        self._stopping.set()
+        self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+def wait_for(condition, problem, patience=PATIENCE):
+    """Wait until a condition is true; fail with what `problem` says."""
+    end = time.monotonic() + patience
+    while not condition():
+        if time.monotonic() > end:
+            pytest.fail(problem() if callable(problem) else problem)
+        time.sleep(0.01)
+
+
+class Bench:
+    """Drivers and emulated robot, each a process, on two kernel CAN buses, with probe and witness."""
+
+    def __init__(self, directory, rate):
+        self.directory = directory
+        self.rate = rate
+        self.config = directory / "can.yaml"
+        self.config.write_text(yaml.safe_dump(two_buses(rate, TIMEOUTS)))
+        (directory / "eds").symlink_to(ROOT / "config" / "eds")
+        self.wire = Candump(directory / "candump.log")
+        self.probe = Probe()
+        self.robot = None
+        self.drivers = None
+
+    def start_robot(self):
+        self.robot = Process(
+            "emulated_robot",
+            "cspr_drivers.nodes.emulated_robot",
+            ["-p", f"can_config:={self.config}", "-p", f"simulation_config:={ROOT}/config/simulation.yaml"],
+            self.directory,
+        )
+
+    def start_drivers(self):
+        self.drivers = Process(
+            "drivers", "cspr_drivers.nodes.drivers", ["-p", f"can_config:={self.config}"], self.directory
+        )
+
+    def ready(self):
+        """Bring both processes to where a test begins: running, drives disabled, brakes closed."""
+        if self.robot is None or not self.robot.running:
+            self.start_robot()
+            self.robot.wait_until_ready()
+        if self.drivers is None or not self.drivers.running:
+            self.start_drivers()
+            self.drivers.wait_until_ready()
+            self.probe.forget_drives()
+        self.probe.answers = True
+        wait_for(
+            lambda: self.probe.group[0] in ("disabled", "fault"), self.explain("the drives are not ready")
+        )
+        self.recover()
+
+    def recover(self):
+        """Reset the fault, as the operator does, until the drives are disabled."""
+        reset = 0.0
+        end = time.monotonic() + PATIENCE
+        while self.probe.group[0] != "disabled":
+            assert time.monotonic() < end, self.explain("no recovery")()
+            if self.probe.group[0] == "fault" and time.monotonic() > reset:
+                self.probe.call("/can_drives/fault_reset")
+                reset = time.monotonic() + 1.0
+            time.sleep(0.02)
+        self.until(lambda: self.probe.brakes_open == 0, "brakes are open")
+
+    def enable(self):
+        """Enable the drives, as the operator does, and wait until all brakes are open."""
+        self.probe.begin_here()
+        self.until(lambda: self.probe.call("/can_drives/enable").success, "enable is refused")
+        self.until(lambda: self.probe.group[0] == "enabled", "not enabled")
+        self.until(lambda: self.probe.brakes_open == MOTORS, "not all brakes are open")
+
+    def held(self, *words):
+        """Wait for the end that every fault must have: brakes closed in the plant, latched, the cause named."""
+        self.until(lambda: self.probe.group[0] == "fault", "no fault is latched")
+        self.until(lambda: self.probe.brakes_open == 0, "brakes are open")
+        cause = self.probe.group[1]
+        for word in words:
+            assert word in cause, cause
+
+    def back_without_a_jump(self):
+        """Enable again after a fault; only the operator's two commands may do that, and nothing may jump."""
+        before = self.probe.state.position
+        stays = time.monotonic() + 1.0
+        while time.monotonic() < stays:
+            assert self.probe.brakes_open == 0, "a brake opened by itself"
+            time.sleep(0.05)
+        if self.probe.group[0] == "fault":
+            assert not self.probe.call("/can_drives/enable").success, "enabled with a latched fault"
+        self.recover()
+        self.enable()
+        # motor angles in rad: 1 rad is 1.7 mm of cable
+        assert abs(self.probe.state.position - before).max() < 3.0
+        self.disable()
+
+    def disable(self):
+        self.probe.call("/can_drives/disable")
+        self.until(lambda: self.probe.group[0] == "disabled", "not disabled")
+
+    def until(self, condition, problem):
+        wait_for(condition, self.explain(problem))
+
+    def explain(self, problem):
+        def text():
+            logs = [
+                f"{process.name}: " + " | ".join(process.log.read_text().splitlines()[-8:])
+                for process in (self.robot, self.drivers)
+                if process is not None
+            ]
+            return "\n".join(
+                [f"{problem}; drives {self.probe.group}, brakes open {self.probe.brakes_open}", *logs]
+            )
+
+        return text
+
+    def close(self):
+        for process in (self.drivers, self.robot):
+            if process is not None:
+                process.end()
+        self.wire.close()
+        self.probe.close()
+
+
+def two_buses(rate, timeouts):
+    """Return the shipped configuration with half of the devices on each of two buses."""
+    content = yaml.safe_load((ROOT / "config" / "can.yaml").read_text())
+    content["rate"] = rate
+    content["timeouts"].update(timeouts)
+    (name,) = content["buses"]
+    bus = content["buses"].pop(name)
+    for place, channel in enumerate(CHANNELS):
+        content["buses"][f"bus_{place}"] = copy.deepcopy(bus) | {"interface": "socketcan", "channel": channel}
+    for devices in (content["drives"], content["load_cells"]):
+        for index, device in enumerate(devices):
+            device["bus"] = f"bus_{index * len(CHANNELS) // len(devices)}"
+    return content
+
+
+def ip(*words):
+    """Run iproute2's `ip`."""
+    subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
+
+
+def plug_in(channel):
+    """Make a virtual CAN interface if it is missing, and bring it up."""
+    if not Path("/sys/class/net", channel).exists():
+        ip("link", "add", channel, "type", "vcan")
+    ip("link", "set", channel, "up")
+
+
+class RawSocket:
+    """A raw CAN socket of the kernel, to put on the bus what neither end would send."""
+
+    _FRAME = struct.Struct("=IB3x8s")
+
+    def __init__(self, channel):
+        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self._socket.bind((channel,))
+
+    def send(self, identifier, data=b""):
+        self._socket.send(self._FRAME.pack(identifier, len(data), data.ljust(8, b"\0")))
+
+    def close(self):
+        self._socket.close()
+
+
+class WireReport:
+    """Round trip and losses of a stretch of the log: from each SYNC to the last torque before the next one."""
+
+    def __init__(self, frames):
+        trips, lost_states, lost_tensions, self.commands, self.cycles = [], 0, 0, 0, 0
+        for channel, drives, cells in (
+            ("vcan0", range(1, 5), range(11, 15)),
+            ("vcan1", range(5, 9), range(15, 19)),
+        ):
+            here = [frame for frame in frames if frame.channel == channel]
+            starts = [place for place, frame in enumerate(here) if frame.identifier == 0x080]
+            for first, last in itertools.pairwise(starts):
+                cycle = here[first:last]
+                seen = {frame.identifier for frame in cycle}
+                lost_states += sum(0x180 + node not in seen for node in drives)
+                lost_tensions += sum(0x180 + node not in seen for node in cells)
+                torques = [frame.time for frame in cycle if 0x201 <= frame.identifier <= 0x208]
+                self.commands += len(torques)
+                self.cycles += 1
+                if len(torques) >= len(drives):
+                    trips.append(torques[-1] - cycle[0].time)
+        self._trips = sorted(trips)
+        self._lost = (lost_states, lost_tensions)
+
+    def __str__(self):
+        trips = self._trips or [float("nan")]
+        return (
+            f"{self.cycles} cycles: SYNC to the last torque {1e3 * statistics.median(trips):.1f} ms median, "
+            f"{1e3 * trips[-1]:.1f} ms maximum; lost: {self._lost[0]} of {4 * self.cycles} states, "
+            f"{self._lost[1]} of {4 * self.cycles} tensions, {4 * self.cycles - self.commands} of "
+            f"{4 * self.cycles} torques"
+        )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def domain():
+    """A ROS domain of its own, on this machine alone."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 60))
+
+
+@pytest.fixture(scope="module")
+def processes(request, tmp_path_factory):
+    bench = Bench(tmp_path_factory.mktemp("socketcan"), getattr(request.module, "RATE", RATE))
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def bench(processes):
+    """Both processes, drives disabled; interfaces are put right afterwards."""
+    for channel in CHANNELS:
+        plug_in(channel)
+    processes.ready()
+    yield processes
+    for channel in CHANNELS:
+        plug_in(channel)
+    with contextlib.suppress(ProcessLookupError):
+        for process in (processes.drivers, processes.robot):
+            process.send(signal.SIGCONT)
+
+
+@pytest.fixture
+def raw():
+    """Open raw sockets that are closed after the test."""
+    sockets = []
+
+    def open_raw(channel):
+        sockets.append(RawSocket(channel))
+        return sockets[-1]
+
+    yield open_raw
+    for each in sockets:
+        each.close()
+
+
+@pytest.fixture
+def executable(bench):
+    """Start one more executable of the product; the test ends it."""
+
+    def start(name, module, *arguments, ros=True):
+        process = Process(name, module, arguments, bench.directory, ros)
+        if ros:
+            process.wait_until_ready()
+        return process
+
+    return start
+
+
+@pytest.fixture
+def root():
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture
+def rate(bench):
+    """Cycles a second, Hz."""
+    return bench.rate
+
+
+@pytest.fixture
+def wire_report():
+    """Make a report of a stretch of candump's log."""
+    return WireReport

@@ -1,0 +1,81 @@
+"""The whole closed loop for half a minute over the kernel's CAN: control, drivers and devices, three processes."""
+
+import time
+
+import numpy as np
+import yaml
+
+from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.nodes.process import subscribe, subscribe_raw
+from cspr_msgs_py.topics import ROBOT_STATE, SETPOINT, motor_names
+
+DURATION = 30.0  # s
+RATE = 25.0  # Hz; a real machine runs at ten times as much
+# Gains for the slower cycle: kd stays below 2 J / T, see config/control.yaml.
+GAINS = {"kp": 0.3, "kd": 0.03}
+PATIENT = {"motor_states": 1.0, "setpoint": 1.0, "cable_tensions": 1.0, "platform_pose": 1.0}  # s
+
+
+def control_parameters(path, root, rate):
+    """Write the shipped parameters with what the slower cycle needs."""
+    content = yaml.safe_load((root / "config" / "control.yaml").read_text())
+    common = content["/**"]["ros__parameters"]
+    common.update(
+        GAINS, control_rate=rate, setpoint_timeout=0.6, robot_config=str(root / "config" / "robot.yaml")
+    )
+    content["trajectory_publisher"]["ros__parameters"]["trajectory"] = "smooth-19"
+    content["supervisor"]["ros__parameters"]["max_age"].update(PATIENT)
+    path.write_text(yaml.safe_dump(content))
+
+
+def test_the_closed_loop_runs_for_half_a_minute(bench, executable, root, rate, wire_report, capsys):
+    bench.probe.answers = False  # the controllers answer
+    control_parameters(bench.directory / "control.yaml", root, rate)
+    probe, states, errors = bench.probe, [], []
+    setpoints = JointStateCodec(motor_names(8))
+
+    def compare(buffer):
+        if probe.state is not None and states and states[-1] == "enabled":
+            errors.append(probe.state.position - setpoints.decode(buffer).position)
+
+    watching = [
+        subscribe(probe.node, ROBOT_STATE, lambda message: states.append(message.message)),
+        subscribe_raw(probe.node, SETPOINT, compare),
+    ]
+    control = executable(
+        "control", "cspr_control.nodes.control", "--params-file", bench.directory / "control.yaml"
+    )
+    try:
+        bench.until(lambda: states and states[-1] == "disabled", "the supervisor is not ready")
+        bench.until(lambda: probe.call("/supervisor/enable").success, "enable is refused")
+        bench.until(lambda: states[-1] == "enabled", lambda: f"not enabled: {states}")
+        bench.until(lambda: probe.call("/trajectory_publisher/start").success, "start is refused")
+        errors.clear()
+        begin = time.time()
+        lowest = highest = probe.state.position
+        while time.time() < begin + DURATION:
+            time.sleep(0.05)
+            assert states[-1] == "enabled", (states, bench.explain("stopped")())
+            lowest, highest = (
+                np.minimum(lowest, probe.state.position),
+                np.maximum(highest, probe.state.position),
+            )
+        end = time.time()
+        assert probe.call("/supervisor/stop").success
+        bench.until(lambda: states[-1] == "disabled", lambda: f"not stopped: {states}")
+        bench.until(lambda: probe.brakes_open == 0, "brakes are open")
+    finally:
+        control.end()
+        for subscription in watching:
+            probe.node.destroy_subscription(subscription)
+    assert "fault" not in states
+    # it went somewhere, every winch turned: a revolution of a motor is 10 mm of cable
+    assert ((highest - lowest) > 2.0 * np.pi).all()
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    report = wire_report([frame for frame in bench.wire.frames() if begin <= frame.time < end])
+    with capsys.disabled():
+        print(f"\n{DURATION:g} s at {rate:g} Hz, smooth-19: {report}")
+        print(
+            "RMS position error, motors 1 to 8, deg: " + " ".join(f"{value:.0f}" for value in np.degrees(rms))
+        )
+    assert (rms < 12.0).all()  # rad; the supervisor stops at as much, if it lasts

@@ -1,0 +1,185 @@
+"""Faults of bus, driver and devices: each ends held, brakes closed, latched, with its cause, and only the operator
+brings the robot back.
+
+The names of the causes are those of docs/operation.md.
+"""
+
+import math
+import signal
+import subprocess
+import threading
+import time
+
+import pytest
+
+CAN_ERR_FLAG = 0x20000000  # linux/can/error.h
+CAN_ERR_PROT, CAN_ERR_BUSOFF = 0x08, 0x40
+
+
+def ip(*words):
+    subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
+
+
+def test_commands_that_stop(bench):
+    bench.enable()
+    bench.probe.answers = False
+    bench.held("no torque command within")
+    bench.probe.answers = True
+    bench.back_without_a_jump()
+
+
+def test_a_driver_that_is_killed(bench):
+    """The drives notice by themselves, by heartbeat or RPDO timeout: quick stop, brakes closed."""
+    bench.enable()
+    bench.drivers.send(signal.SIGKILL)
+    killed = time.time()
+    assert bench.drivers.wait() == -signal.SIGKILL
+    bench.until(lambda: bench.probe.brakes_open == 0, "brakes stay open without a driver")
+    time.sleep(1.0)  # what may still be on its way to candump's file
+    frames = bench.wire.frames(since=killed)
+    # EMCY 8130h (heartbeat) or 8250h (RPDO timeout) of every drive: CiA 301, section 7.2.7.1
+    told = {
+        f.identifier - 0x80: f.data[:2] for f in frames if 0x81 <= f.identifier <= 0x88 and len(f.data) == 8
+    }
+    assert set(told) == set(range(1, 9))
+    assert set(told.values()) <= {bytes.fromhex("30 81"), bytes.fromhex("50 82")}
+    # the operator starts it again; that alone opens no brake
+    bench.ready()
+    assert bench.probe.brakes_open == 0
+    bench.enable()
+    bench.disable()
+
+
+def test_a_driver_that_is_frozen_for_a_second(bench):
+    bench.enable()
+    bench.drivers.send(signal.SIGSTOP)
+    time.sleep(1.0)
+    bench.drivers.send(signal.SIGCONT)
+    bench.held()
+    bench.back_without_a_jump()
+
+
+def test_a_drive_that_is_silent(bench, raw):
+    """NMT stop from somebody else on the bus: the drive answers no SYNC and takes no torque any more."""
+    bench.enable()
+    raw("vcan0").send(0x000, bytes([0x02, 3]))
+    bench.held("motor_3")
+    bench.back_without_a_jump()
+
+
+def test_a_drive_that_restarts(bench, raw):
+    bench.enable()
+    raw("vcan1").send(0x000, bytes([0x81, 7]))
+    bench.held("motor_7")
+    bench.back_without_a_jump()
+
+
+def test_an_interface_that_goes_down(bench):
+    bench.enable()
+    ip("link", "set", "vcan1", "down")
+    bench.held()
+    ip("link", "set", "vcan1", "up")
+    bench.back_without_a_jump()
+
+
+def test_a_bus_that_is_off(bench, raw):
+    """The controller reports bus-off by an error frame, and then sends nothing: vcan has no such state of its own."""
+    bench.enable()
+    raw("vcan0").send(CAN_ERR_FLAG | CAN_ERR_BUSOFF, bytes(8))
+    ip("link", "set", "vcan0", "down")
+    bench.held()
+    ip("link", "set", "vcan0", "up")
+    bench.until(
+        lambda: int(bench.probe.health.get("can_drives: bus bus_0", (0, "", {}))[2].get("bus_errors", 0)) > 0,
+        "the error is not counted",
+    )
+    bench.back_without_a_jump()
+
+
+def test_error_frames_are_counted_and_named(bench, raw):
+    socket = raw("vcan0")
+    for _ in range(20):
+        socket.send(CAN_ERR_FLAG | CAN_ERR_PROT, bytes(8))
+        time.sleep(0.01)
+
+    def told():
+        _, message, values = bench.probe.health.get("can_drives: bus bus_0", (0, "", {}))
+        return "error" in message and int(values.get("bus_errors", 0)) >= 20
+
+    bench.until(told, "error frames are not in /diagnostics")
+    assert bench.probe.brakes_open == 0
+
+
+def test_a_babbling_node(bench, raw):
+    """A node that sends frames of the highest priority without pause: whatever comes of it, it ends held."""
+    bench.enable()
+    stop, babbled = threading.Event(), [0]
+    socket = raw("vcan0")
+
+    def babble():
+        # A frame of 8 bytes takes up to 135 us at 1 Mbit/s: this is a bus loaded to 100 % and more
+        while not stop.is_set():
+            for _ in range(80):
+                try:
+                    socket.send(0x001, bytes(8))
+                    babbled[0] += 1
+                except OSError:
+                    break
+            time.sleep(0.01)
+
+    babbler = threading.Thread(target=babble)
+    babbler.start()
+    try:
+        bench.until(lambda: bench.probe.group[0] == "fault" or babbled[0] > 20_000, "the bus takes no frames")
+    finally:
+        stop.set()
+        babbler.join()
+    # a vcan has no bandwidth that could be used up: the robot goes on, or its watchdogs have stopped it
+    bench.until(lambda: bench.probe.group[0] in ("enabled", "fault"), "neither enabled nor in fault")
+    if bench.probe.group[0] == "enabled":
+        bench.probe.call("/can_drives/quick_stop")
+    bench.held()
+    bench.back_without_a_jump()
+
+
+@pytest.mark.parametrize("torque", [math.nan, math.inf, 50.0])
+def test_a_command_that_must_not_reach_the_drives(bench, torque):
+    begin = time.time()
+    bench.enable()
+    bench.probe.override = torque
+    try:
+        bench.held("torque command")
+    finally:
+        bench.probe.override = None
+    # nothing of it is on the wire: no torque beyond the limit of 10 N m, 2000 thousandths of the rated torque
+    torques = [
+        int.from_bytes(frame.data[2:4], "little", signed=True)
+        for frame in bench.wire.frames(since=begin)
+        if 0x201 <= frame.identifier <= 0x208
+    ]
+    assert max(map(abs, torques)) < 1000
+    bench.back_without_a_jump()
+
+
+def test_ctrl_c_closes_the_brakes_first(bench):
+    bench.enable()
+    bench.drivers.send(signal.SIGINT)
+    assert bench.drivers.wait() == 0
+    bench.until(lambda: bench.probe.brakes_open == 0, "brakes are open")
+    bench.ready()
+    bench.enable()
+    bench.drivers.send(signal.SIGTERM)
+    assert bench.drivers.wait() == 0
+    bench.until(lambda: bench.probe.brakes_open == 0, "brakes are open")
+
+
+def test_an_interface_that_is_removed_and_comes_back(bench):
+    """As when a USB adapter is unplugged and plugged in again: the sockets of both ends are of no use any more."""
+    bench.enable()
+    ip("link", "delete", "vcan1")
+    bench.held()
+    ip("link", "add", "vcan1", "type", "vcan")
+    ip("link", "set", "vcan1", "up")
+    bench.robot.end()  # the devices' own interfaces have not been unplugged: give them a bus again
+    bench.ready()
+    bench.back_without_a_jump()

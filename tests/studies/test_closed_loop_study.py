@@ -1,0 +1,128 @@
+"""The closed loop without ROS, and how it is compared with a live run."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies.closed_loop import LoopSettings, run
+from studies.experiment import CONTROLLERS, Case, all_cases, outcome
+from studies.live_agreement import Agreement, LiveRun
+
+from cspr_control.errors import ControlError
+from cspr_control.paper_trajectories import paper_19
+from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_kinematics import Robot
+from cspr_msgs_py import topics
+from cspr_msgs_py.bag_file import BagFile
+from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.stamped_doubles import StampedDoublesCodec
+
+ROOT = Path(__file__).parents[2]
+START = 1_700_000_000_000_000_000
+
+
+def test_a_case_gives_what_the_document_says():
+    case = Case("pdff-mass", TrajectoryName.SMOOTH_19, 200.0)
+    record = run(case.settings)
+    document = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    row = re.search(r"\| smooth-19 \| PDFF \+ mass \|.*\| ([\d.]+) \([^|]*\|\n", document)
+    # other releases of MuJoCo and numpy round otherwise
+    assert record.rms_deg.mean() == pytest.approx(float(row[1]), rel=0.03)
+    assert record.time[0] == pytest.approx(case.settings.phase)
+    assert record.time[-1] == pytest.approx(12.0, abs=0.01)
+    assert record.mass_estimate[-1] == pytest.approx(200.0, abs=2.0)
+    # eight cables carry the load; what the feed-forward asked for is near
+    judged = outcome(record, Robot.from_yaml(ROOT / "config" / "robot.yaml").motor.torque_limit)
+    assert np.mean(judged.tension_rms) < 10.0
+    assert judged.saturated == 0.0
+    assert record.simulated > 14.0
+
+
+def test_the_cases_are_those_of_the_paper_and_some_more():
+    cases = all_cases()
+    assert len(cases) == len(set(cases)) == 36
+    assert {case.load for case in cases} == {0.0, 100.0, 200.0}
+    assert {case.controller for case in cases} == set(CONTROLLERS)
+    assert str(cases[-1]) == "pdff (exact mass) on paper-19 with 100 kg + 100 kg at 3 s"
+
+
+@pytest.fixture
+def live(tmp_path):
+    """Write what the demo leaves of a run: 100 kg, and 50 kg more 4 s after the start."""
+
+    def write(pace=1.0, **changes):
+        summary = {
+            "controller": "pdff", "exact_mass": True, "trajectory": "paper-19",
+            "rms_position_error_deg": [10.0] * 8, "mass_true_final_kg": 150.0, "mass_estimate_final_kg": 150.5,
+            "mass_settling_time_s": 1.25, "cycles": 1000, "missed_cycles": 20, "command_latency_us": {"p50": 1400.0},
+        }  # fmt: skip
+        (tmp_path / "summary.json").write_text(json.dumps(summary | changes), encoding="utf-8")
+        bag = BagFile(tmp_path / "bag", {})
+        used = (topics.REFERENCE, topics.SIMULATED_PAYLOAD)
+        index = {
+            t.name: bag.add_topic(RecordedTopic(t.name, t.type, message_definition(t.type))) for t in used
+        }
+        reference, inertia = ReferenceCodec(), StampedDoublesCodec("platform", 10)
+        point = paper_19(np.zeros(3)).sample(1.0)
+        for cycle in range(-100, 1500):
+            stamp = START + 1_300_000 + cycle * 4_000_000  # 1.3 ms after the start
+            received = START + round((stamp - START) / pace)
+            sample = ReferenceSample(
+                stamp, max(stamp - START, 0) * 1e-9, point.pose.position, point.pose.quaternion,
+                point.twist.linear, point.twist.angular, point.acceleration.linear, point.acceleration.angular,
+            )  # fmt: skip
+            bag.add_message(index["/reference"], received, received, reference.encode(sample))
+            if cycle % 5 == 0:
+                mass = 100.0 if cycle * 0.004 < 4.0 else 150.0
+                data = inertia.encode(stamp, [mass, *np.zeros(9)])
+                bag.add_message(index["/simulation/payload"], received, received, data)
+        bag.close()
+        return tmp_path
+
+    return write
+
+
+def test_a_live_run_tells_its_case(live):
+    one = LiveRun.read(live())
+    settings = one.settings
+    assert one.name == "pdff (exact mass)"
+    assert settings.exact_mass
+    assert (settings.payload, settings.added, settings.added_at) == (100.0, 50.0, 4.0)
+    assert settings.phase == pytest.approx(0.0013, abs=1e-6)
+    assert settings.latency == pytest.approx(0.0014)
+    assert one.missed == 0.02
+    assert one.pace == pytest.approx(1.0)
+    assert settings.estimator_cycles == 5
+
+
+def test_agreement_is_judged_number_by_number(live):
+    one = LiveRun.read(live())
+    near = Agreement(one, np.full(8, 10.3), 150.4, 1.3)
+    assert near.within_tolerance
+    assert near.mean_deviation == pytest.approx(10.0 / 10.3 - 1.0)
+    assert not Agreement(one, np.full(8, 12.0), 150.4, 1.3).within_tolerance
+    assert not Agreement(one, np.array([10.0] * 7 + [13.0]), 150.4, 1.3).within_tolerance
+    assert not Agreement(one, np.full(8, 10.0), 152.0, 1.3).within_tolerance
+    assert not Agreement(one, np.full(8, 10.0), 150.4, np.inf).within_tolerance
+
+
+def test_what_is_no_run_of_the_demo_is_said(tmp_path):
+    with pytest.raises(ControlError, match="is not a run of the demo"):
+        LiveRun.read(tmp_path / "nothing")
+
+
+def test_a_slow_run_is_read_on_the_machine_s_clock(live):
+    one = LiveRun.read(live(pace=0.4))
+    assert one.pace == pytest.approx(0.4)
+    assert (one.settings.payload, one.settings.added, one.settings.added_at) == (100.0, 50.0, 4.0)
+    assert one.settings.estimator_cycles == 2
+
+
+def test_the_default_is_that_of_the_demo():
+    settings = LoopSettings()
+    assert (settings.payload, settings.added, settings.added_at) == (100.0, 100.0, 3.0)
+    assert settings.trajectory is TrajectoryName.PAPER_19
