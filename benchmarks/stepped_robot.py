@@ -51,6 +51,13 @@ class SteppedClock:
         """Time, s."""
         return self.time
 
+    def sleep(self, seconds: float) -> None:
+        """Let time pass for the thread that steps; other threads get real time."""
+        if threading.current_thread() is threading.main_thread():
+            self.time += seconds
+        else:
+            time.sleep(seconds)
+
     def system(self) -> float:
         """Time since 1970, s."""
         return self.time + _SYSTEM
@@ -145,6 +152,7 @@ class SteppedRobot:
             ("monotonic", clock.monotonic),
             ("time", clock.system),
             ("time_ns", clock.system_ns),
+            ("sleep", clock.sleep),
         ):
             self._patches.enter_context(mock.patch.object(machine_clock, name, function))
         self._patches.enter_context(mock.patch.object(drive_master, "CycleClock", _SteppedCycleClock))

@@ -121,6 +121,12 @@ def test_babbling_node_lets_only_nmt_pass(bus):
     assert [identifier for _, identifier in through(bus, 1.5e-3)] == [0x080]
 
 
+def test_a_node_babbles_from_now_on_and_not_since_the_bus_fell_idle(bus):
+    assert through(bus, 100.0) == []
+    bus.disturb(BusDisturbance.BABBLING)
+    assert len(through(bus, 100.0 + 1.36e-3)) == 10
+
+
 def test_error_frames_destroy_what_is_sent(bus):
     bus.disturb(BusDisturbance.ERROR_FRAMES)
     bus.offer(frame(0x080), "driver", 0.0)

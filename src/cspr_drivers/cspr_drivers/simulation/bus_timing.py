@@ -16,6 +16,7 @@ from typing import NamedTuple, Protocol
 import can
 
 from cspr_drivers.bus_load import worst_case_bits
+from cspr_drivers.can_bus import copied_frame
 
 BABBLING_COB_ID = 0x001
 """Identifier of a babbling node's frames: before everything but NMT."""
@@ -65,6 +66,7 @@ class BusTiming:
         self._held: Counter[object] = Counter()
         self._count = 0
         self._free = 0.0
+        self._looked_at = 0.0
         self._disturbance = BusDisturbance.NONE
         self._babble = can.Message(arbitration_id=BABBLING_COB_ID, data=bytes(8), is_extended_id=False)
 
@@ -85,7 +87,8 @@ class BusTiming:
         self._offered.append((time, self._count, sender, frame))
 
     def disturb(self, disturbance: BusDisturbance) -> None:
-        """Let something disturb the bus from now on, or no longer."""
+        """Let something disturb the bus, or no longer, from the time on for which it was last looked at."""
+        self._free = max(self._free, self._looked_at)
         self._disturbance = disturbance
 
     @property
@@ -96,6 +99,7 @@ class BusTiming:
     def passed(self, time: float) -> list[Passed]:
         """Return, once, the frames that are through at a time, s, in their order."""
         done: list[Passed] = []
+        self._looked_at = time
         if self._disturbance is BusDisturbance.CUT:
             self._free = time
             return done
@@ -112,7 +116,7 @@ class BusTiming:
                 end = start + self._lengths[8]
                 if end > time:
                     break
-                done.append(Passed(end, self, self._babble))
+                done.append(Passed(end, self, copied_frame(self._babble)))
             else:
                 frame = waiting[0][3]
                 end = start + self._lengths[len(frame.data)]
@@ -125,8 +129,6 @@ class BusTiming:
                     frame, sender = can.Message(is_error_frame=True, is_extended_id=False), self
                 done.append(Passed(end, sender, frame))
             self._free = end
-        if not (waiting or offered or babbling):
-            self._free = max(self._free, time) if self.disturbed else self._free
         return done
 
     def next_end(self) -> float | None:
