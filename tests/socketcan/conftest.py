@@ -51,8 +51,8 @@ PATIENCE = 300.0  # s; a generous limit for what takes seconds on a quiet machin
 # A freeze of 1 s is longer than what the drives tolerate.
 RATE = 10.0  # Hz, unless a module has a RATE of its own
 TIMEOUTS = {
-    "command": 1.0,
-    "feedback": 1.0,
+    "command": 0.5,  # below rpdo, so that the driver names the cause before the drives act
+    "feedback": 0.7,
     "rpdo": 0.8,
     "heartbeat_producer": 0.3,
     "heartbeat_consumer": 0.9,
