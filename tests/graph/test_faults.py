@@ -12,6 +12,10 @@ from benchmarks.faults import LARGEST_DROP, PAYLOAD, SCENARIOS, run
 from benchmarks.stepped_graph import SteppedGraph
 
 
+# m. A cable of 4.5 m with a stiffness of 1.2 MN gives way by 4 mm for each kN that it takes over again.
+LARGEST_JUMP = 0.005
+
+
 class Bench:
     """A robot that is enabled; a new one after a test that failed."""
 
@@ -48,7 +52,7 @@ def test_fault_ends_held_and_the_operator_brings_the_robot_back(bench, scenario)
         assert outcome.drop <= LARGEST_DROP
         if outcome.controlled and not scenario.harms_tension:
             assert outcome.lowest_tension > graph.model.tension_min
-        assert outcome.jump < 0.003
+        assert outcome.jump < LARGEST_JUMP
     except BaseException:
         bench.discard()
         raise
