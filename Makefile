@@ -44,7 +44,13 @@ demo: $(READY)
 
 test: $(READY)
 	@echo "== tests"
+ifeq ($(strip $(ARGS)),)
+	$(VENV)/bin/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --ignore tests/graph/test_closed_loop.py
+	@echo "== tests of the whole graph, which wants the CPUs for itself"
+	$(VENV)/bin/python -m pytest -q tests/graph/test_closed_loop.py
+else
 	$(VENV)/bin/python -m pytest $(ARGS)
+endif
 
 # On the kernel's CAN; the interfaces are made where that is possible and they are missing.
 CAN_INTERFACES := vcan0 vcan1

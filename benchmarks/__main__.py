@@ -6,6 +6,7 @@ import argparse
 from importlib import import_module
 
 BENCHMARKS = {
+    "machine": "what this computer can keep to at best: a bare loop at 250 Hz (a minute)",
     "kinematics": "the mathematics of the control cycle",
     "tensions": "bounded tensions against other solvers, from 6 to 16 cables",
     "scaling": "growth of our own times with the number of cables and poses",
