@@ -11,7 +11,6 @@ pytest.importorskip("mujoco")
 from benchmarks.faults import LARGEST_DROP, PAYLOAD, SCENARIOS, run
 from benchmarks.stepped_graph import SteppedGraph
 
-
 # m. A cable of 4.5 m with a stiffness of 1.2 MN gives way by 4 mm for each kN that it takes over again.
 LARGEST_JUMP = 0.005
 
