@@ -121,6 +121,14 @@ def _leave_workspace(graph: SteppedGraph) -> None:
     graph.start(PointToPoint(graph.model.home, outside, quick))
 
 
+def _lift_what_is_caught(graph: SteppedGraph) -> None:
+    graph.robot.faults.inject(FaultOrder(InjectedFault.PLATFORM_CAUGHT))
+    here = graph.player.held_pose
+    assert here is not None
+    slow = MotionLimits(speed=0.05, acceleration=0.3, angular_speed=0.2, angular_acceleration=0.4)
+    graph.start(PointToPoint(here, Pose(here.position + (0.0, 0.0, 0.3), here.rotation), slow))
+
+
 def _wind_back(graph: SteppedGraph) -> None:
     """Turn a drum back to where it was, slowly and by hand, with the brake of that motor lifted."""
     graph.robot.faults.clear()
@@ -154,7 +162,14 @@ SCENARIOS = (
         lambda graph: graph.robot.wait_until(lambda: graph.robot.driver_runs, "the driver hangs"),
         lasts=3.0,
     ),
-    Scenario("driver told to end", lambda graph: graph.robot.drives.disable(), "by themselves"),
+    Scenario(
+        "driver killed",
+        lambda graph: graph.robot.kill_driver(),
+        "stale topic",
+        lambda graph: graph.robot.restart_driver(),
+        lasts=3.0,
+    ),
+    Scenario("driver ended, Ctrl-C or SIGTERM", lambda graph: graph.robot.drives.disable(), "by themselves"),
     Scenario("drive silent", _inject(InjectedFault.DRIVE_SILENT), "motor_3"),
     Scenario("drive without feedback", _inject(InjectedFault.DRIVE_NO_FEEDBACK), "motor_3"),
     Scenario("drive without heartbeat", _inject(InjectedFault.DRIVE_NO_HEARTBEAT), "motor_3"),
@@ -181,8 +196,8 @@ SCENARIOS = (
         harms_tension=True,
         rest=2.0,
     ),
-    Scenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "/cable_tensions"),
-    Scenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "/cable_tensions"),
+    Scenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "cable_3"),
+    Scenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "cable_3"),
     Scenario("load cell stuck", _inject(InjectedFault.LOAD_CELL_STUCK), "cable_3", lasts=4.0),
     Scenario("load cell drifts", _inject(InjectedFault.LOAD_CELL_DRIFTING), "cable_3", lasts=8.0),
     Scenario("slack cable", _inject(InjectedFault.CABLE_SLACK), "cable", harms_tension=True, rest=2.0),
@@ -194,6 +209,9 @@ SCENARIOS = (
         harms_tension=True,
         rest=2.0,
     ),
+    Scenario(
+        "overloaded cable", _lift_what_is_caught, "tension above its limit", moving=False, lasts=4.0, rest=2.0
+    ),
     Scenario("workspace left", _leave_workspace, "workspace", moving=False, lasts=6.0),
     Scenario("emergency stop", _inject(InjectedFault.EMERGENCY_STOP), "emergency stop"),
     Scenario(
@@ -202,6 +220,9 @@ SCENARIOS = (
         "quick stop commanded",
     ),
     Scenario("bus cut", _inject(InjectedFault.BUS_CUT, "main"), "motor_"),
+    Scenario("bus-off", _inject(InjectedFault.BUS_OFF, "main"), "bus main: bus-off"),
+    Scenario("interface down", _inject(InjectedFault.BUS_DOWN, "main"), "bus main: Network is down"),
+    Scenario("interface removed", _inject(InjectedFault.BUS_REMOVED, "main"), "bus main: No such device"),
     Scenario("bus full of a babbling node's frames", _inject(InjectedFault.BUS_BABBLING, "main"), "motor_"),
     Scenario("error frames", _inject(InjectedFault.BUS_ERROR_FRAMES, "main"), "motor_"),
     Scenario(

@@ -188,6 +188,9 @@ class SteppedGraph:
         if self.robot.driver_runs:
             state, cause, _ = self.robot.drives.states()
             self.supervisor.observe_drives(self.robot.now, DriverState(state.value), cause)
+            problems = self.robot.load_cells.problems(self.robot.now)
+            words = "; ".join(f"{name}: {problem}" for name, problem in problems.items())
+            self.supervisor.observe_load_cells(words)
         self._act()
 
     def _act(self) -> None:
