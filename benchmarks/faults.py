@@ -126,19 +126,19 @@ def _lift_what_is_caught(graph: SteppedGraph) -> None:
     here = graph.player.held_pose
     assert here is not None
     slow = MotionLimits(speed=0.05, acceleration=0.3, angular_speed=0.2, angular_acceleration=0.4)
-    graph.start(PointToPoint(here, Pose(here.position + (0.0, 0.0, 0.3), here.rotation), slow))
+    graph.start(PointToPoint(here, Pose(here.position + np.array([0.0, 0.0, 0.3]), here.rotation), slow))
 
 
 def _wind_back(graph: SteppedGraph) -> None:
-    """Turn a drum back to where it was, slowly and by hand, with the brake of that motor lifted."""
+    """Turn a drum by hand, slowly and with its brake lifted, until the lengths of all cables fit a pose."""
     graph.robot.faults.clear()
     _heal_controllers(graph)
     robot, plant = graph.robot, graph.robot.plant
+    robot.wait_until(lambda: not robot.drives.snapshot().not_configured, "drives are not configured")
     plant.set_brake(_PLACE, closed=False)
     end = robot.now + _WINDING
-    # The platform has moved since: the cable may be taut before its drum is where it was.
-    while robot.now < end and abs(error := graph.angles[_PLACE] - plant.motor_angles()[_PLACE]) > 0.05:
-        hand = max(-2.5, min(2.5, 4.0 * error)) - 1.2
+    while robot.now < end and abs(error := graph.supervisor.checks.following_errors()[_PLACE]) > 0.1:
+        hand = max(-2.5, min(2.5, 10.0 * error)) - 1.2
         plant.set_torque(_PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[_PLACE])
         robot.wait(0.002)
     plant.set_brake(_PLACE, closed=True)
@@ -186,7 +186,13 @@ SCENARIOS = (
         rest=2.0,
     ),
     Scenario(
-        "winch blocked", _inject(InjectedFault.WINCH_BLOCKED), "_3", held=False, harms_tension=True, rest=2.0
+        "winch blocked",
+        _inject(InjectedFault.WINCH_BLOCKED),
+        "motor_3",
+        _wind_back,
+        held=False,
+        harms_tension=True,
+        rest=2.0,
     ),
     Scenario(
         "controller without torque",
@@ -219,12 +225,12 @@ SCENARIOS = (
         lambda graph: graph.robot.drives.quick_stop("quick stop commanded"),
         "quick stop commanded",
     ),
-    Scenario("bus cut", _inject(InjectedFault.BUS_CUT, "main"), "motor_"),
+    Scenario("bus cut", _inject(InjectedFault.BUS_CUT, "main"), "all drives: silent"),
     Scenario("bus-off", _inject(InjectedFault.BUS_OFF, "main"), "bus main: bus-off"),
     Scenario("interface down", _inject(InjectedFault.BUS_DOWN, "main"), "bus main: Network is down"),
     Scenario("interface removed", _inject(InjectedFault.BUS_REMOVED, "main"), "bus main: No such device"),
-    Scenario("bus full of a babbling node's frames", _inject(InjectedFault.BUS_BABBLING, "main"), "motor_"),
-    Scenario("error frames", _inject(InjectedFault.BUS_ERROR_FRAMES, "main"), "motor_"),
+    Scenario("bus full of a babbling node's frames", _inject(InjectedFault.BUS_BABBLING, "main"), "silent"),
+    Scenario("error frames", _inject(InjectedFault.BUS_ERROR_FRAMES, "main"), "silent"),
     Scenario(
         "recorder's disk full",
         lambda graph: graph.supervisor.observe_recording("no space left on device"),
@@ -260,7 +266,6 @@ def run(graph: SteppedGraph, scenario: Scenario, moving: bool = False) -> Outcom
             if not any(device.automaton.brake_open for device in robot.devices):
                 closed_at.append(robot.now)
 
-    graph.angles = plant.motor_angles()
     begin = robot.now
     height = plant.platform_position()[2]
     robot.on_tick = look

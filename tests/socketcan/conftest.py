@@ -24,6 +24,8 @@ from pathlib import Path
 import pytest
 import rclpy
 import yaml
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -36,7 +38,9 @@ from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
     DRIVE_STATES,
+    LOAD_CELL_STATES,
     MOTOR_STATES,
+    SETPOINT,
     cable_names,
     motor_command,
     motor_names,
@@ -175,22 +179,26 @@ class Probe:
         self._executor.add_node(self.node)
         self._lock = threading.Lock()
         self.answers = True
+        self.foreign = set()  # motors, from 1, that have a controller of their own
         self.override = None  # torque, N m, that motor 3 is commanded instead
         self.state = None
         self.tensions = None
         self.drives = {}
         self.health = {}
+        self.load_cells = "unknown"  # what is wrong with them; empty when all is well
         self._anchor = None
         self._holding = None
         names = motor_names(MOTORS)
         self._states = JointStateCodec(names)
         self._cells = JointStateCodec(cable_names(MOTORS), position=False, velocity=False)
         self._codecs = [JointStateCodec((name,), position=False, velocity=False) for name in names]
+        self._setpoints = advertise(self.node, SETPOINT)
         self._commands = [advertise(self.node, motor_command(k)) for k in range(1, MOTORS + 1)]
         subscribe_raw(self.node, MOTOR_STATES, self._answer)
         subscribe_raw(self.node, CABLE_TENSIONS, self._measured)
         subscribe(self.node, DRIVE_STATES, self._note_drives)
         subscribe(self.node, DIAGNOSTICS, self._note_health)
+        subscribe(self.node, LOAD_CELL_STATES, self._note_cells)
         self._clients = {}
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -211,8 +219,12 @@ class Probe:
         torque = self._holding - KP * (state.position - self._anchor) - KD * state.velocity
         if self.override is not None:
             torque[2] = self.override
-        for codec, publisher, effort in zip(self._codecs, self._commands, torque, strict=True):
-            publisher.publish(codec.encode(state.stamp_ns, effort=[effort]))
+        if self.foreign:
+            still = [0.0] * MOTORS
+            self._setpoints.publish(self._states.encode(state.stamp_ns, self._anchor, still, self._holding))
+        for k, (codec, publisher) in enumerate(zip(self._codecs, self._commands, strict=True)):
+            if k + 1 not in self.foreign:
+                publisher.publish(codec.encode(state.stamp_ns, effort=[torque[k]]))
 
     def _measured(self, buffer):
         self.tensions = self._cells.decode(buffer).effort
@@ -222,6 +234,9 @@ class Probe:
 
     def _note_health(self, message):
         self.health.update(from_diagnostic_array(message))
+
+    def _note_cells(self, message):
+        self.load_cells = from_diagnostic_array(message)["load_cells"][2].get("cause", "")
 
     def forget_drives(self):
         """Forget what drivers that are gone have said, and wait for the present ones to say something."""
@@ -333,6 +348,15 @@ class Bench:
         self.until(lambda: self.probe.group[0] == "enabled", "not enabled")
         self.until(lambda: self.probe.brakes_open == MOTORS, "not all brakes are open")
 
+    def inject(self, fault):
+        """Put a fault into the emulated devices by its name."""
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=fault)
+        request = SetParameters.Request(parameters=[Parameter(name="fault", value=value)])
+        (result,) = self.probe.call("/simulated_robot/set_parameters", SetParameters, request).results
+        assert result.successful, result.reason
+        answer = self.probe.call("/simulated_robot/inject_fault")
+        assert answer.success, answer.message
+
     def held(self, *words):
         """Wait for the end that every fault must have: brakes closed in the plant, latched, the cause named."""
         self.until(lambda: self.probe.group[0] == "fault", "no fault is latched")
@@ -399,16 +423,16 @@ def two_buses(rate, timeouts):
     return content
 
 
-def ip(*words):
+def run_ip(*words):
     """Run iproute2's `ip`."""
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
 
 
-def plug_in(channel):
+def make_present(channel):
     """Make a virtual CAN interface if it is missing, and bring it up."""
     if not Path("/sys/class/net", channel).exists():
-        ip("link", "add", channel, "type", "vcan")
-    ip("link", "set", channel, "up")
+        run_ip("link", "add", channel, "type", "vcan")
+    run_ip("link", "set", channel, "up")
 
 
 class RawSocket:
@@ -479,14 +503,26 @@ def processes(request, tmp_path_factory):
 def bench(processes):
     """Both processes, drives disabled; interfaces are put right afterwards."""
     for channel in CHANNELS:
-        plug_in(channel)
+        make_present(channel)
     processes.ready()
     yield processes
     for channel in CHANNELS:
-        plug_in(channel)
+        make_present(channel)
     with contextlib.suppress(ProcessLookupError):
         for process in (processes.drivers, processes.robot):
             process.send(signal.SIGCONT)
+
+
+@pytest.fixture
+def ip():
+    """Run iproute2's `ip`."""
+    return run_ip
+
+
+@pytest.fixture
+def plug_in():
+    """Make a virtual CAN interface if it is missing, and bring it up."""
+    return make_present
 
 
 @pytest.fixture

@@ -87,7 +87,9 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
             filters = [{"can_id": identifier, "can_mask": mask} for identifier in sorted(cob_ids)]
         super().__init__(channel=channel, can_filters=filters)
         self.dropped_frames = 0
-        self._gone = False  # the interface was removed; the receiving thread takes up the next one of its name
+        self._gone = (
+            False  # the interface was removed; the receiving thread takes up the next one of its name
+        )
         self._set_options()
 
     def _set_options(self) -> None:

@@ -161,7 +161,9 @@ class FaultInjector:
             places: dict[str, int | str] = {"": 0, "robot": 0}
         elif fault.target is FaultTarget.BUS:
             if not self._buses:
-                raise DriverError(f"{name}: only the simulated buses of one process can be disturbed, not SocketCAN")
+                raise DriverError(
+                    f"{name}: only the simulated buses of one process can be disturbed, not SocketCAN"
+                )
             places = {bus: bus for bus in self._buses}
         else:
             prefix = fault.target.value.removesuffix("K")
