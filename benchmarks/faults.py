@@ -121,6 +121,12 @@ def _leave_workspace(graph: SteppedGraph) -> None:
     graph.start(PointToPoint(graph.model.home, outside, quick))
 
 
+def _hurry(graph: SteppedGraph) -> None:
+    across = Pose(graph.model.home.position + np.array([1.2, 0.0, 0.0]), graph.model.home.rotation)
+    quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
+    graph.start(PointToPoint(graph.model.home, across, quick))
+
+
 def _lift_what_is_caught(graph: SteppedGraph) -> None:
     graph.robot.faults.inject(FaultOrder(InjectedFault.PLATFORM_CAUGHT))
     here = graph.player.held_pose
@@ -180,7 +186,7 @@ SCENARIOS = (
     Scenario(
         "drive runs away",
         _inject(InjectedFault.DRIVE_RUNAWAY),
-        "motor_3",
+        "motor_3 applies",
         _wind_back,
         harms_tension=True,
         rest=2.0,
@@ -210,7 +216,7 @@ SCENARIOS = (
     Scenario(
         "drive pulls",
         _inject(InjectedFault.DRIVE_PULLING),
-        "motor_3",
+        "motor_3 applies",
         _wind_back,
         harms_tension=True,
         rest=2.0,
@@ -218,6 +224,7 @@ SCENARIOS = (
     Scenario(
         "overloaded cable", _lift_what_is_caught, "tension above its limit", moving=False, lasts=4.0, rest=2.0
     ),
+    Scenario("overspeed", _hurry, "overspeed", moving=False, lasts=4.0),
     Scenario("workspace left", _leave_workspace, "workspace", moving=False, lasts=6.0),
     Scenario("emergency stop", _inject(InjectedFault.EMERGENCY_STOP), "emergency stop"),
     Scenario(

@@ -26,7 +26,13 @@ def test_every_cycle_has_all_answers_and_all_torques(file, rate, conversion_time
         graph.robot.wait(SECONDS)
         after = graph.robot.drives.snapshot().statistics
         assert after.cycles - before.cycles == pytest.approx(rate * SECONDS, abs=1)
-        for count in ("missed_cycles", "incomplete_cycles", "late_commands", "late_feedback", "repeated_feedback"):
+        for count in (
+            "missed_cycles",
+            "incomplete_cycles",
+            "late_commands",
+            "late_feedback",
+            "repeated_feedback",
+        ):
             assert getattr(after, count) == getattr(before, count), count
         assert all(drive.missing == drive.late == 0 for drive in after.answers)
         measured = graph.robot.load_cells.snapshot(graph.robot.now).statistics

@@ -112,7 +112,7 @@ class SupervisionLimits:
 
     max_ages: dict[MonitoredInput, float] = field(default_factory=_default_ages)
     following_error: float = 12.0
-    following_error_time: float = 0.2
+    following_error_time: float = 0.05
     starting_error: float = 2.0
     tension_min: float = 50.0
     tension_min_time: float = 0.5

@@ -241,6 +241,10 @@ class DriveGroup:
         """Names of the drives that are in operation, or on the way there."""
         return tuple(self._drives[index].name for index in sorted(self._members))
 
+    def operates(self, index: int) -> bool:
+        """Return whether a drive follows its torque, its brake open."""
+        return self._state is GroupState.ENABLED and index in self._running
+
     def settled(self, index: int) -> bool:
         """Return whether a drive is where it shall be, so that its control word need not be repeated."""
         state = self._drives[index].state
