@@ -48,7 +48,7 @@ def test_a_driver_that_is_killed(bench):
 def test_a_driver_that_is_frozen_for_a_second(bench):
     bench.enable()
     bench.drivers.send(signal.SIGSTOP)
-    time.sleep(1.0)
+    time.sleep(1.0 / bench.speed)
     bench.drivers.send(signal.SIGCONT)
     # the drives have stopped by themselves meanwhile; the driver finds them so, or finds the commands missing first
     bench.held("motor_")

@@ -17,6 +17,8 @@ from typing import Any
 import can
 from can.interfaces.socketcan import SocketcanBus
 
+from cspr_drivers import clock
+
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame of linux/can.h
 _TIMESTAMP = struct.Struct("@ll")  # struct timespec
 _COUNT = struct.Struct("=I")
@@ -135,7 +137,7 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
         for _level, kind, value in ancillary:
             if kind == _SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIMESTAMP.unpack_from(value)
-                timestamp = seconds + 1e-9 * nanoseconds
+                timestamp = clock.of_computer(seconds + 1e-9 * nanoseconds)
             elif kind == _SO_RXQ_OVFL:
                 (self.dropped_frames,) = _COUNT.unpack_from(value)
         extended = bool(identifier & _EXTENDED)
