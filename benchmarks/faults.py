@@ -122,9 +122,11 @@ def _leave_workspace(graph: SteppedGraph) -> None:
 
 
 def _hurry(graph: SteppedGraph) -> None:
-    across = Pose(graph.model.home.position + np.array([1.2, 0.0, 0.0]), graph.model.home.rotation)
+    here = graph.player.held_pose
+    assert here is not None
+    across = np.array([math.copysign(1.0, -here.position[0] - 1e-9), here.position[1], here.position[2]])
     quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
-    graph.start(PointToPoint(graph.model.home, across, quick))
+    graph.start(PointToPoint(here, Pose(across, here.rotation), quick))
 
 
 def _lift_what_is_caught(graph: SteppedGraph) -> None:

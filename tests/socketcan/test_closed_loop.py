@@ -55,15 +55,19 @@ def control_parameters(path, root, rate, speed):
 def test_the_closed_loop_runs_for_half_a_minute(bench, executable, root, rate, wire_report, capsys):
     bench.probe.answers = False  # the controllers answer
     control_parameters(bench.directory / "control.yaml", root, rate, bench.speed)
-    probe, states, errors = bench.probe, [], []
+    probe, states, causes, errors = bench.probe, [], [], []
     setpoints = JointStateCodec(motor_names(8))
 
     def compare(buffer):
         if probe.state is not None and states and states[-1] == "enabled":
             errors.append(probe.state.position - setpoints.decode(buffer).position)
 
+    def note(message):
+        causes.append({value.key: value.value for value in message.values})
+        states.append(message.message)
+
     watching = [
-        subscribe(probe.node, ROBOT_STATE, lambda message: states.append(message.message)),
+        subscribe(probe.node, ROBOT_STATE, note),
         subscribe_raw(probe.node, SETPOINT, compare),
     ]
     control = executable(
@@ -83,7 +87,7 @@ def test_the_closed_loop_runs_for_half_a_minute(bench, executable, root, rate, w
         lowest = highest = probe.state.position
         while time.time() < begin + DURATION / bench.speed:
             time.sleep(0.05)
-            assert states[-1] == "enabled", (states, bench.explain("stopped")())
+            assert states[-1] == "enabled", (states, causes, bench.explain("stopped")())
             lowest, highest = (
                 np.minimum(lowest, probe.state.position),
                 np.maximum(highest, probe.state.position),
