@@ -263,12 +263,11 @@ class RobotEmulator:
             if self._conversion_time == 0.0:
                 for node in load_cells:
                     node.sync(time)
+                self._tick_after_sync(time)
             else:
                 for node in load_cells:
                     node.latch()
                 self._conversions.put((time, load_cells))
-            if time - self._last_tick >= _TICK:
-                self._tick(time, supervise=True)
 
     def _convert(self) -> None:
         """Let the amplifiers answer each SYNC when their conversion is done."""
@@ -280,6 +279,8 @@ class RobotEmulator:
                 for node in load_cells:
                     node.answer(time)
                 machine.apply_arrived(machine.now())
+                # Here rather than at the SYNC, so that the drives' answers do not wait for it.
+                self._tick_after_sync(time)
 
     def _keep_time(self) -> None:
         machine = self.machine
@@ -302,6 +303,11 @@ class RobotEmulator:
                         self._tick(now, supervise=not late)
                 except DriverError:
                     return  # the plant failed, and `failure` says why
+
+    def _tick_after_sync(self, time: float) -> None:
+        """Look at time-outs and brakes; of all that was sent before a SYNC nothing is unread any more."""
+        if time - self._last_tick >= _TICK:
+            self._tick(time, supervise=True)
 
     def _tick(self, time: float, supervise: bool) -> None:
         self._last_tick = time
