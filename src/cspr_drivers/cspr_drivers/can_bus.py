@@ -43,6 +43,7 @@ _OPEN_PROBLEMS = {
 _NO_ROOM = (errno.ENOBUFS, errno.EAGAIN)
 _RETRY_INTERVAL = 200e-6  # s; some two frames on a bus of 1 Mbit/s
 
+
 class CyclicFrame(can.Message):  # type: ignore[misc]  # python-can's classes count as untyped
     """A data frame with an 11-bit identifier that is sent again and again with other data.
 

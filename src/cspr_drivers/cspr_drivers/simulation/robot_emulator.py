@@ -278,9 +278,13 @@ class RobotEmulator:
             with machine.lock:
                 for node in load_cells:
                     node.answer(time)
-                machine.apply_arrived(machine.now())
-                # Here rather than at the SYNC, so that the drives' answers do not wait for it.
-                self._tick_after_sync(time)
+                try:
+                    machine.apply_arrived(machine.now())
+                    # Done here, it need not be done at the next SYNC, when the drivers wait for the drives' answers.
+                    machine.advance(time + self._conversion_time)
+                    self._tick_after_sync(time)
+                except DriverError:
+                    return  # the plant failed, and `failure` says why
 
     def _keep_time(self) -> None:
         machine = self.machine
