@@ -131,6 +131,8 @@ class RobotEmulator:
         self._last_tick = 0.0
         self._stopping = threading.Event()
         self._conversion_time = simulation.load_cells.conversion_time
+        # How far the plant moves on after a SYNC while there is time for it: never past the next one.
+        self._head_start = self._conversion_time if self._conversion_time < can_config.period else 0.0
         self._conversions: SimpleQueue[tuple[float, tuple[EmulatedNode, ...]] | None] = SimpleQueue()
         self._converter = threading.Thread(target=self._convert, name="amplifiers", daemon=True)
         self._ticker = threading.Thread(target=self._keep_time, name="emulated devices", daemon=True)
@@ -281,7 +283,7 @@ class RobotEmulator:
                 try:
                     machine.apply_arrived(machine.now())
                     # Done here, it need not be done at the next SYNC, when the drivers wait for the drives' answers.
-                    machine.advance(time + self._conversion_time)
+                    machine.advance(time + self._head_start)
                     self._tick_after_sync(time)
                 except DriverError:
                     return  # the plant failed, and `failure` says why
