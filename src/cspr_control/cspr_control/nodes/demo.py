@@ -18,6 +18,7 @@ from cspr_control.analysis.recording import read_recording
 from cspr_control.analysis.results import default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.child_processes import ChildProcesses
+from cspr_control.demo_domain import claim_domain
 from cspr_control.demo_scenario import (
     CONTROLLERS,
     TRAJECTORIES,
@@ -59,18 +60,14 @@ def main(args: list[str] | None = None) -> int:
     if options.realtime and (problem := _realtime_problem()):
         print(f"demo: {problem}", file=sys.stderr)
         return 2
-    # On loopback, in a domain of its own: no robot in the same network hears a word of this.
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", "33")
     chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
     summaries: list[RunSummary] = []
     analyses: list[RunAnalysis] = []
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
+    _stop_on_signals()
     try:
+        # On loopback, in a domain of its own: no robot in the same network hears a word of this.
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        claim = claim_domain()
         for controller, exact_mass in chosen:
             scenario = Scenario(
                 controller,
@@ -90,19 +87,38 @@ def main(args: list[str] | None = None) -> int:
                 print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
             print(f"  recorded in           {directory}", flush=True)
             _report([analysis], figures=not options.compare)
+        if options.compare:
+            print(format_comparison(summaries))
+            _report(analyses)
+        claim.close()
     except KeyboardInterrupt:
         print(
             "demo: interrupted; brakes are closed, every process has ended, the bag is readable",
             file=sys.stderr,
         )
         return 130
-    except ControlError as error:
+    except (ControlError, OSError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
-    if options.compare:
-        print(format_comparison(summaries))
-        _report(analyses)
     return 0
+
+
+def _stop_on_signals() -> None:
+    """Let Ctrl-C, SIGTERM and the end of the terminal interrupt the demo, once.
+
+    Whatever is pressed while it closes the brakes and ends its processes must not keep it from that.
+    """
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # not under nohup
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
+        signal.signal(number, interrupt)
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:
@@ -112,7 +128,10 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--controller", choices=CONTROLLERS, default="pdff-mass", help="default: %(default)s")
+    controllers = parser.add_mutually_exclusive_group()
+    controllers.add_argument(
+        "--controller", choices=CONTROLLERS, default="pdff-mass", help="default: %(default)s"
+    )
     parser.add_argument(
         "--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times"
     )
@@ -129,9 +148,10 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         "--add-payload", type=_added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
-        help="added S seconds after the start of the trajectory, or none; default: 100@3",
+        help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3, or none; "
+        "default: 100@3",
     )  # fmt: skip
-    parser.add_argument(
+    controllers.add_argument(
         "--compare", action="store_true", help="run all controllers and compare them in one table"
     )
     parser.add_argument(
@@ -155,6 +175,11 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.exact_mass and CONTROLLERS[options.controller][0] == "none":
         parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
+    if options.exact_mass and options.compare:
+        parser.error("--exact-mass has no meaning for --compare, which runs pdff with the exact mass as well")
+    added = options.add_payload
+    if added is not None and options.payload + added.mass < 0.0:
+        parser.error(f"--add-payload takes {-added.mass:g} kg away from --payload {options.payload:g}")
     if not Path(options.config, "robot.yaml").is_file():
         parser.error(
             f"{options.config}/robot.yaml is not there: start from the repository's root or name --config DIR"
@@ -236,7 +261,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
-    attach = f"attach:=[{', '.join(attached)}]"
+    attach = f"attach:={json.dumps(attached)}"  # a list in JSON is one in YAML, whatever the paths contain
     recording = ["--ros-args", "-p", f"output:={directory / 'bag'}", "-p", attach, *recorder_cpu]
     controlling = ros_arguments(config) + scenario.control_arguments() + control_cpu
     simulating = ros_arguments(config) + scenario.robot_arguments() + robot_cpu

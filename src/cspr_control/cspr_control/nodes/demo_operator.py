@@ -237,7 +237,7 @@ class Operator:
 
     def make_safe(self) -> None:
         """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""
-        with contextlib.suppress(KeyboardInterrupt, ControlError):
+        with contextlib.suppress(KeyboardInterrupt, ControlError, OSError):  # the terminal may be gone
             if self._client.robot_state in ("enabling", "enabled", "stopping"):
                 future = self._client.trigger("/supervisor/stop")
                 deadline = time.monotonic() + 4.0
@@ -246,5 +246,6 @@ class Operator:
                     and self._client.robot_state != "disabled"
                     and time.monotonic() < deadline
                 ):
+                    self._progress.show("stopping")
                     self._children.check()
                     time.sleep(0.02)
