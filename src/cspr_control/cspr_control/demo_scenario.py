@@ -164,6 +164,6 @@ def _edited(file: Path) -> Iterator[dict[str, Any]]:
     try:
         values = yaml.safe_load(file.read_text(encoding="utf-8"))
         yield values
-    except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
+    except (OSError, yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError) as error:
         raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
     file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
