@@ -35,7 +35,7 @@ from cspr_msgs_py.topics import (
     motor_names,
 )
 
-PATIENCE = 8.0
+PATIENCE = 30.0
 
 
 class Bench:

@@ -33,7 +33,7 @@ from cspr_msgs_py.topics import (
 pytest.importorskip("mujoco")
 
 ROOT = Path(__file__).parents[3]
-PATIENCE = 15.0
+PATIENCE = 30.0
 
 
 def parameters(**files: Path) -> list[Parameter]:
