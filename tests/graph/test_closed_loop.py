@@ -175,37 +175,3 @@ def test_a_node_that_dies_ends_the_demo_with_its_name(tmp_path: Path, demo: list
     log = (demo[0].runs / "latest" / "log" / "simulated_robot.log").read_text(encoding="utf-8")
     # nobody commands torques any more, and the robot does not hang on open brakes for that
     assert re.search(r"drives (disabled|fault)", log[log.index("drives enabled") :])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--payload", "-5"], "is not a mass in kg"),
-        (["--add-payload", "100"], "not of the form KG@S"),
-        (["--payload", "10", "--add-payload=-50@3"], "takes 50 kg away from --payload 10"),
-        (["--controller", "pid"], "invalid choice"),
-        (["--controller", "pd", "--exact-mass"], "has no meaning"),
-        (["--compare", "--exact-mass"], "has no meaning"),
-        (["--compare", "--controller", "pd"], "not allowed with argument"),
-        (["--config", "nowhere"], "nowhere/robot.yaml is not there"),
-    ],
-)
-def test_wrong_options_are_refused(tmp_path: Path, arguments: list[str], words: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(tmp_path), *arguments],
-        cwd=ROOT, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert words in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-def test_a_place_for_runs_that_is_none_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "runs").write_text("a file", encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(tmp_path / "runs")],
-        cwd=ROOT, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert done.returncode == 1
-    assert done.stderr.startswith("demo: ")
-    assert done.stderr.count("\n") == 1

@@ -45,6 +45,9 @@ _DURATIONS = {
         "following_error_time",
         "tension_min_time",
         "tension_max_time",
+        "motor_speed_time",
+        "tension_difference_time",
+        "stuck_time",
         "enable_timeout",
         "stop_timeout",
         "drive_timeout",
@@ -121,14 +124,19 @@ class Scenario:
             ages = control["supervisor"]["ros__parameters"]["max_age"]
             if not self.realtime:
                 _relax(ages, _RELAXED_AGES)
-            for name in ages:
-                ages[name] /= self.speed
-            for node, names in _DURATIONS.items():
-                for name in names:
-                    control[node]["ros__parameters"][name] /= self.speed
-            for node, names in _RATES.items():
-                for name in names:
-                    control[node]["ros__parameters"][name] *= self.speed
+            if self.speed != 1.0:
+                self._slow_down(control)
+
+    def _slow_down(self, control: dict[str, Any]) -> None:
+        for node, names in _DURATIONS.items():
+            for name in names:
+                control[node]["ros__parameters"][name] /= self.speed
+        for node, names in _RATES.items():
+            for name in names:
+                control[node]["ros__parameters"][name] *= self.speed
+        ages = control["supervisor"]["ros__parameters"]["max_age"]
+        for name in ages:
+            ages[name] /= self.speed
 
     def control_arguments(self) -> list[str]:
         """ROS arguments of the control nodes."""

@@ -98,6 +98,8 @@ def main(args: list[str] | None = None) -> int:
         )
         return 130
     except (ControlError, OSError) as error:
+        if len(summaries) > 1:
+            print(format_comparison(summaries))
         print(f"demo: {error}", file=sys.stderr)
         return 1
     return 0
