@@ -280,8 +280,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                     "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
                 )
             run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
-            run.call("/supervisor/enable", 20.0)
-            run.wait("enabling", lambda: client.robot_state == "enabled", 10.0, lambda: client.robot_message)
+            run.enable(30.0)
             run.pause("measuring the load", 2.0)
             run.call("/trajectory_publisher/start", 10.0)
             run.wait(
