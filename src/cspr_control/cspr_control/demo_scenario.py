@@ -39,6 +39,7 @@ _RELAXED_AGES = {"motor_states": 1.0, "setpoint": 1.0, "cable_tensions": 1.0, "p
 
 # Parameters that count on the computer's clock, and so have to be told of a slower machine.
 _DURATIONS = {
+    "/**": ("setpoint_timeout",),
     "feedforward": ("payload_timeout",),
     "mass_estimator": ("time_constant", "tensions_timeout", "pose_timeout"),
     "supervisor": (
