@@ -25,11 +25,11 @@ EXECUTABLES = {
     "supervisor": ("cspr_control", ["supervisor"], []),
     "robot_markers": ("cspr_control", ["robot_markers"], []),
     "control": ("cspr_control", ["motor_controller_8", "trajectory_publisher", "supervisor"], []),
-    "can_drives": ("cspr_drivers", ["can_drives"], ["-p", "can_config:=virtual_can.yaml"]),
-    "load_cells": ("cspr_drivers", ["load_cells"], ["-p", "can_config:=virtual_can.yaml"]),
-    "drivers": ("cspr_drivers", ["can_drives", "load_cells"], ["-p", "can_config:=virtual_can.yaml"]),
+    "can_drives": ("cspr_drivers", ["can_drives"], ["-p", "can_config:=config/virtual_can.yaml"]),
+    "load_cells": ("cspr_drivers", ["load_cells"], ["-p", "can_config:=config/virtual_can.yaml"]),
+    "drivers": ("cspr_drivers", ["can_drives", "load_cells"], ["-p", "can_config:=config/virtual_can.yaml"]),
     "simulated_robot": ("cspr_drivers", ["simulated_robot", "can_drives", "load_cells"], []),
-    "emulated_robot": ("cspr_drivers", ["simulated_robot"], ["-p", "can_config:=virtual_can.yaml"]),
+    "emulated_robot": ("cspr_drivers", ["simulated_robot"], ["-p", "can_config:=config/virtual_can.yaml"]),
 }
 
 PROGRAMS = {  # what ends by itself, and words that its --help must have
@@ -61,7 +61,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(ROOT / "src", path / "src", ignore=ignored)
     shutil.copytree(ROOT / "config", path / "config")
     can = (ROOT / "config" / "can.yaml").read_text(encoding="utf-8")
-    (path / "virtual_can.yaml").write_text(
+    (path / "config" / "virtual_can.yaml").write_text(
         can.replace("interface: socketcan", "interface: virtual"), encoding="utf-8"
     )
     colcon("build", "--base-paths", "src", cwd=path)
@@ -115,13 +115,13 @@ def test_executable_names_itself_and_stops(workspace: Path, tmp_path: Path, name
             cwd=workspace, env=environment(workspace), stdout=file, stderr=subprocess.STDOUT,
         )  # fmt: skip
     try:
-        deadline = time.monotonic() + 40.0
+        deadline = time.monotonic() + 120.0
         while not all(re.search(rf"\b{node} ready", log.read_text(encoding="utf-8")) for node in nodes):
             assert process.poll() is None, log.read_text(encoding="utf-8")
             assert time.monotonic() < deadline, log.read_text(encoding="utf-8")
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=20.0) == 0, log.read_text(encoding="utf-8")
+        assert process.wait(timeout=60.0) == 0, log.read_text(encoding="utf-8")
     finally:
         if process.poll() is None:
             process.kill()
