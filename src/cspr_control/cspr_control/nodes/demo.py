@@ -60,37 +60,13 @@ def main(args: list[str] | None = None) -> int:
     if options.realtime and (problem := _realtime_problem()):
         print(f"demo: {problem}", file=sys.stderr)
         return 2
-    chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
     summaries: list[RunSummary] = []
-    analyses: list[RunAnalysis] = []
     _stop_on_signals()
     try:
         # On loopback, in a domain of its own: no robot in the same network hears a word of this.
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        claim = claim_domain()
-        for controller, exact_mass in chosen:
-            scenario = Scenario(
-                controller,
-                exact_mass,
-                options.trajectory,
-                options.payload,
-                options.add_payload,
-                options.realtime,
-                options.speed,
-            )
-            directory = _new_run_directory(Path(options.runs))
-            summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
-            summaries.append(summary)
-            analyses.append(analysis)
-            print(f"\n{format_summary(summary)}")
-            if options.speed < 1.0:
-                print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
-            print(f"  recorded in           {directory}", flush=True)
-            _report([analysis], figures=not options.compare)
-        if options.compare:
-            print(format_comparison(summaries))
-            _report(analyses)
-        claim.close()
+        with claim_domain():
+            _run_chosen(options, summaries)
     except KeyboardInterrupt:
         print(
             "demo: interrupted; brakes are closed, every process has ended, the bag is readable",
@@ -103,6 +79,34 @@ def main(args: list[str] | None = None) -> int:
         print(f"demo: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _run_chosen(options: argparse.Namespace, summaries: list[RunSummary]) -> None:
+    """Run what the options ask for, one after the other; each run adds its summary, whatever becomes of the next."""
+    chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
+    analyses: list[RunAnalysis] = []
+    for controller, exact_mass in chosen:
+        scenario = Scenario(
+            controller,
+            exact_mass,
+            options.trajectory,
+            options.payload,
+            options.add_payload,
+            options.realtime,
+            options.speed,
+        )
+        directory = _new_run_directory(Path(options.runs))
+        summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
+        summaries.append(summary)
+        analyses.append(analysis)
+        print(f"\n{format_summary(summary)}")
+        if options.speed < 1.0:
+            print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
+        print(f"  recorded in           {directory}", flush=True)
+        _report([analysis], figures=not options.compare)
+    if options.compare:
+        print(format_comparison(summaries))
+        _report(analyses)
 
 
 def _stop_on_signals() -> None:
