@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 import yaml
+from rclpy.context import Context
+from rclpy.node import Node
 
-from cspr_control.demo_scenario import AddedPayload, DemoError, Scenario
+from cspr_control.demo_scenario import AddedPayload, DemoError, Scenario, ros_parameter
 from cspr_control.nodes.supervisor import _LIMITS
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -59,6 +62,21 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
     for name, (_, unit) in _LIMITS.items():
         assert slow[name] == pytest.approx(usual[name] * (4.0 if unit == "s" else 1.0)), name
     assert slow["max_age"] == {name: pytest.approx(4.0 * age) for name, age in usual["max_age"].items()}
+
+
+def test_a_parameter_reaches_ros_whatever_its_text(private_domain: None) -> None:
+    paths = ['runs, [x]: "y"/ö\\n', "5", "# none", "~"]
+    context = Context()
+    rclpy.init(
+        args=["--ros-args", *ros_parameter("paths", paths), *ros_parameter("path", paths[0])], context=context
+    )
+    try:
+        node = Node("probe", context=context)
+        assert node.declare_parameter("paths", [""]).value == paths
+        assert node.declare_parameter("path", "").value == paths[0]
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
 
 
 def test_the_truth_comes_over_the_topic_of_the_estimate() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -158,8 +159,13 @@ def ros_arguments(config: Path) -> list[str]:
     """ROS arguments by which a node finds the files of a configuration directory."""
     arguments = ["--ros-args", "--params-file", str(config / "control.yaml")]
     for name in ("robot", "can", "simulation"):
-        arguments += ["-p", f"{name}_config:={config / name}.yaml"]
+        arguments += ros_parameter(f"{name}_config", f"{config / name}.yaml")
     return arguments
+
+
+def ros_parameter(name: str, value: str | list[str]) -> list[str]:
+    """ROS arguments that give a parameter texts: ROS reads YAML, of which JSON is a part, quotes included."""
+    return ["-p", f"{name}:={json.dumps(value)}"]
 
 
 def _relax(limits: dict[str, float], least: dict[str, float]) -> None:

@@ -25,6 +25,7 @@ from cspr_control.demo_scenario import (
     AddedPayload,
     Scenario,
     ros_arguments,
+    ros_parameter,
 )
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
@@ -267,8 +268,12 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
-    attach = f"attach:={json.dumps(attached)}"  # a list in JSON is one in YAML, whatever the paths contain
-    recording = ["--ros-args", "-p", f"output:={directory / 'bag'}", "-p", attach, *recorder_cpu]
+    recording = [
+        "--ros-args",
+        *ros_parameter("output", str(directory / "bag")),
+        *ros_parameter("attach", attached),
+    ]
+    recording += recorder_cpu
     controlling = ros_arguments(config) + scenario.control_arguments() + control_cpu
     simulating = ros_arguments(config) + scenario.robot_arguments() + robot_cpu
 
