@@ -47,7 +47,7 @@ def colcon(*arguments: str, cwd: Path) -> str:
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     done = subprocess.run(
         [sys.executable, "-m", "colcon", "--log-base", str(cwd / "log"), *arguments],
-        cwd=cwd, env=environment, capture_output=True, text=True, timeout=200, check=False,
+        cwd=cwd, env=environment, capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -68,7 +68,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # compiling the kernels takes a minute, once; what is tested below is how an installed executable starts
     subprocess.run(
         [sys.executable, "-m", "cspr_kinematics.warm_up", "config/robot.yaml"],
-        cwd=path, env=environment(path), check=True, timeout=300,
+        cwd=path, env=environment(path), check=True, timeout=900,
     )  # fmt: skip
     return path
 
