@@ -30,7 +30,7 @@ class DemoClient(Node):
 
     def __init__(self) -> None:
         super().__init__("demo")
-        self.robot_state = self.robot_message = self.phase = self.drives = ""
+        self.robot_state = self.robot_message = self.phase = self.interruption = self.drives = ""
         self.trajectory_times: tuple[int, int] | None = None
         self.estimated_mass = self.true_mass = math.nan
         self.cycle_values: dict[str, str] = {}
@@ -66,16 +66,16 @@ class DemoClient(Node):
         """Whether everything is there and the robot may be enabled."""
         return not self.missing
 
-    def stop_cause(self) -> str:
-        """Why the robot was stopped, and whether this computer had a part in it."""
+    def explained(self, cause: str) -> str:
+        """Why the robot stopped, and whether this computer had a part in it."""
         try:
             cycles, missed = (int(self.cycle_values[name]) for name in ("cycles", "missed_cycles"))
         except (KeyError, ValueError):
-            return self.robot_message
+            return cause
         if missed < 0.2 * max(cycles, 1):
-            return self.robot_message
+            return cause
         return (
-            f"{self.robot_message}. This computer missed {missed} of {cycles} control cycles: it is too slow or too "
+            f"{cause}. This computer missed {missed} of {cycles} control cycles: it is too slow or too "
             "busy for the machine's pace; close what else runs, or slow the machine down with --speed 0.5"
         )
 
@@ -101,7 +101,7 @@ class DemoClient(Node):
 
     def _on_trajectory_state(self, status: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in status.values}
-        self.phase = status.message
+        self.phase, self.interruption = status.message, values.get("interruption", "")
         if self.phase in ("approach", "running") and "start_time" in values:
             self.trajectory_times = (int(values["start_time"]), int(values["end_time"]))
 
@@ -197,7 +197,11 @@ class Operator:
             self._progress.show(step)
             self._children.check()
             if self._client.robot_state == "fault":
-                raise DemoError(f"{step}: the robot stopped with brakes closed: {self._client.stop_cause()}")
+                cause = self._client.explained(self._client.robot_message)
+                raise DemoError(f"{step}: the robot stopped with brakes closed: {cause}")
+            if self._client.interruption:
+                cause = self._client.explained(self._client.interruption)
+                raise DemoError(f"{step}: the trajectory was given up, the platform held its pose: {cause}")
             if time.monotonic() > deadline:
                 raise DemoError(f"{step}: not done within {limit:.0f} s: {why_not()}")
             time.sleep(0.02)
