@@ -150,10 +150,10 @@ class ForwardKinematicsError(KinematicsError):
 
 
 def _shown(value: object) -> str:
-    if isinstance(value, np.ndarray):
-        # One line, so that a node can report the error in one.
+    """Return `value` as short text on one line, so that a node can report the error in one."""
+    if type(value) is np.ndarray:
         return " ".join(
             np.array2string(value, precision=6, threshold=32, edgeitems=2, separator=", ").split()
         )
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 200 else text[:197] + "..."

@@ -243,7 +243,7 @@ def _solve(
         done.append(kernels.forward_at_poses(*arguments))
 
     done: list[tuple[int, int]] = []
-    if threads == 1:
+    if positive_integer("threads", threads) == 1:
         everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
         done = [kernels.forward_at_poses(*everything)]
     else:
