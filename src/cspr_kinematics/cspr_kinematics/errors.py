@@ -131,7 +131,8 @@ class ForwardKinematicsError(KinematicsError):
     converged : numpy.ndarray of bool, shape (...)
         Which members of the batch were solved.
     slack : numpy.ndarray, shape (..., m)
-        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero.
+        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero. Where
+        it cannot be told which one is slack, all that may be.
     """
 
     def __init__(
