@@ -173,7 +173,7 @@ def _errors_by_load(runs: Sequence[RunAnalysis]) -> Figure | None:
 
 def _error_over_time(runs: Sequence[RunAnalysis]) -> Figure | None:
     panels: dict[str, dict[str, tuple[Floats, Floats]]] = {}
-    changes: tuple[float, ...] = ()
+    changes: dict[float, str] = {}
     for run in runs:
         if run.errors is not None and run.errors.position.shape[1] >= MOTOR_OF_FIGURE_12:
             error = np.degrees(run.errors.position[:, [MOTOR_OF_FIGURE_12 - 1]])

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 
 from cspr_control.analysis.recording import read_recording
-from cspr_control.analysis.results import default_directory, write_results
+from cspr_control.analysis.results import FIGURES, default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.child_processes import ChildProcesses
 from cspr_control.demo_scenario import (
@@ -299,6 +299,9 @@ def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
     except (ControlError, OSError) as problem:
         print(f"  report                none: {problem}\n")
     else:
+        if results.figures:
+            place = os.path.relpath(directory / FIGURES)
+            print(f"  figures               {place} ({len(results.figures)}, each as PNG and SVG)")
         print(f"  report                {os.path.relpath(results.report)}\n")
 
 

@@ -330,7 +330,7 @@ class LinePanel {
     const t = this.timeAt(this.hover);
     const rows = this.shown.map((s) => [s.color, s.name, `${niceNumber(valueAt(s.block, s.column, t))}`]);
     const near = this.run ? this.run.events.filter((e) => Math.abs(this.x(e.time) - this.hover) < 5) : [];
-    this.chart.page.showTip(event, `${t.toFixed(3)} s · ${this.chart.unit}`, rows, near);
+    this.chart.page.showTip(event, `${secondsText(t, 3)} · ${this.chart.unit}`, rows, near);
   }
 }
 

@@ -190,13 +190,16 @@ class Scene {
     }
     c.font = "11px system-ui, sans-serif";
     c.textAlign = "center";
-    robot.exit_points.forEach((exit, k) => {
-      const [x, y] = this.project(exit);
+    const exits = robot.exit_points.map((exit) => this.project(exit));
+    exits.forEach(([x, y], k) => {
       c.fillStyle = "#39424e";
       c.beginPath();
       c.arc(x, y, 3, 0, 2 * Math.PI);
       c.fill();
-      c.fillText(String(k + 1), x + (k % 2 ? 7 : -7), y - 7);
+      // away from the nearest other one, so that the numbers of a pair keep apart
+      const [nearest] = exits.filter((_, other) => other !== k).sort(
+        (p, q) => Math.hypot(p[0] - x, p[1] - y) - Math.hypot(q[0] - x, q[1] - y));
+      c.fillText(String(k + 1), x + (nearest && nearest[0] <= x ? 7 : -7), y - 7);
     });
     this.describe(pose, desired, t);
   }
