@@ -126,4 +126,5 @@ def cycle_bins(longest: float, most: int) -> Floats:
     least = max(longest, 1e-6) / max(most - 1, 1)
     power = 10.0 ** math.floor(math.log10(least))
     width = next(step * power for step in (*_STEPS, 10.0) if step * power >= least * (1.0 - 1e-9))
-    return width * (np.arange(math.floor(longest / width + 0.5) + 2) - 0.5)
+    bins: Floats = width * (np.arange(math.floor(longest / width + 0.5) + 2.0) - 0.5)
+    return bins
