@@ -17,7 +17,12 @@ from cspr_control.analysis import figures
 from cspr_control.analysis.cycles import cycle_bins
 from cspr_control.analysis.error_statistics import ErrorStatistics
 from cspr_control.analysis.figures import payload_change, save_figures
-from cspr_control.analysis.paper_figures import deviation_figure, motor_error_figure, payload_change_figure
+from cspr_control.analysis.paper_figures import (
+    deviation_figure,
+    motor_error_figure,
+    motor_error_over_time_figure,
+    payload_change_figure,
+)
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 from cspr_control.analysis.style import COLOURS, controller_title, house_style, motor_line, save_figure
 
@@ -135,6 +140,15 @@ def test_overlapping_texts_are_noticed() -> None:
 def test_a_change_of_the_load_is_named_where_it_is_marked(run: RunAnalysis) -> None:
     (time, text), *others = run.load_changes().items()
     assert (time, text, others) == (pytest.approx(2.0, abs=0.03), "+50 kg", [])
+
+
+def test_a_change_is_marked_in_the_panels_of_those_runs_alone_that_had_it() -> None:
+    time = np.arange(0.0, 5.0, 0.1)
+    errors = {load: {"static": (time, np.sin(time))} for load in ("100 kg", "100, then 200 kg")}
+    constant, changed = motor_error_over_time_figure(errors, 3, {"100, then 200 kg": {3.0: "+100 kg"}}).axes
+    assert [text.get_text() for text in changed.texts] == [" +100 kg"]
+    assert not constant.texts
+    assert len(changed.lines) == len(constant.lines) + 1
 
 
 @pytest.mark.parametrize(

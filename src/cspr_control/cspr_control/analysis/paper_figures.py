@@ -58,8 +58,7 @@ def trajectory_figure(
     space.scatter(*position[0], color=COLOURS[2], s=24)
     space.set(xlabel="x, m", ylabel="y, m", zlabel="z, m", title=title)
     space.tick_params(labelsize=7)
-    for direction in (space.xaxis, space.yaxis, space.zaxis):
-        direction.labelpad = 9
+    space.xaxis.labelpad = space.yaxis.labelpad = 9
     span = np.maximum(1.05 * np.ptp(position, axis=0), 0.1)
     span = np.maximum(span, 0.2 * span.max())  # a thin box would have no room for its numbers
     middle = (position.min(axis=0) + position.max(axis=0)) / 2.0
@@ -213,7 +212,7 @@ def motor_error_figure(errors: Mapping[str, Mapping[float, Floats]]) -> Figure:
 def motor_error_over_time_figure(
     errors: Mapping[str, Mapping[str, tuple[Floats, Floats]]],
     motor: int = 3,
-    changes: Mapping[float, str] | None = None,
+    changes: Mapping[str, Mapping[float, str]] | None = None,
 ) -> Figure:
     """Fig. 12: position error of one motor over time, a panel a load, a line a controller.
 
@@ -224,7 +223,7 @@ def motor_error_over_time_figure(
     motor
         Its number, counted from 1.
     changes
-        When the payload changes, s, and how, such as ``+100 kg``.
+        By title of the panel: when something changes there, s, and what, such as ``+100 kg``.
     """
     rows = len(errors)
     figure = Figure(figsize=(WIDTH, 0.7 + 1.9 * rows), layout="constrained")
@@ -236,7 +235,7 @@ def motor_error_over_time_figure(
             colour = controller_colour(controller, known.index(controller))
             (handles[controller],) = axis.plot(time, error, color=colour, label=controller_title(controller))
         axis.set(ylabel="error, deg", title=f"Motor {motor} position error, {title}")
-        mark_times(axis, changes)
+        mark_times(axis, (changes or {}).get(title))
     axes[-1].set(xlabel="time, s")
     figure.legend(
         list(handles.values()), [controller_title(name) for name in handles],
