@@ -17,6 +17,7 @@ from types import FrameType
 from cspr_control.analysis.recording import read_recording
 from cspr_control.analysis.results import FIGURES, default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
+from cspr_control.analysis.tables import format_runs
 from cspr_control.child_processes import ChildProcesses
 from cspr_control.demo_scenario import (
     CONTROLLERS,
@@ -85,6 +86,8 @@ def main(args: list[str] | None = None) -> int:
             summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
             summaries.append(summary)
             analyses.append(analysis)
+            if not options.compare:
+                print(f"\n{format_runs([analysis])}")
             print(f"\n{format_summary(summary)}")
             if options.speed < 1.0:
                 print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
@@ -100,7 +103,7 @@ def main(args: list[str] | None = None) -> int:
         print(f"demo: {error}", file=sys.stderr)
         return 1
     if options.compare:
-        print(format_comparison(summaries))
+        print(format_runs(analyses), format_comparison(summaries), sep="\n\n")
         _report(analyses)
     return 0
 
