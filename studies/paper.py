@@ -116,6 +116,12 @@ def _compare_live(live: str | None, speed: str, output: Path) -> Agreement:
         f"{'within' if compared.within_tolerance else 'NOT within'} the tolerance",
         flush=True,
     )
+    if not compared.within_tolerance:
+        print(
+            f"paper: the live run missed {compared.live.missed:.1%} of its control cycles; a stall while the trajectory "
+            "jumps costs most. On a busy computer: --speed 0.5, or --live RUN with a run that kept its pace",
+            file=sys.stderr,
+        )
     return compared
 
 
