@@ -118,8 +118,8 @@ def _compare_live(live: str | None, speed: str, output: Path) -> Agreement:
     )
     if not compared.within_tolerance:
         print(
-            f"paper: the live run missed {compared.live.missed:.1%} of its control cycles; a stall while the trajectory "
-            "jumps costs most. On a busy computer: --speed 0.5, or --live RUN with a run that kept its pace",
+            f"paper: the live run missed {compared.live.missed:.1%} of its control cycles; a stall while the "
+            "trajectory jumps costs most. On a busy computer: --speed 0.5, or --live RUN with a run that kept its pace",
             file=sys.stderr,
         )
     return compared

@@ -142,6 +142,14 @@ def test_a_change_of_the_load_is_named_where_it_is_marked(run: RunAnalysis) -> N
     assert (time, text, others) == (pytest.approx(2.0, abs=0.03), "+50 kg", [])
 
 
+def test_controllers_that_do_the_same_can_both_be_seen() -> None:
+    names = ("pd", "static", "pdff", "pdff-mass", "pdff (exact mass)")
+    time = np.arange(0.0, 5.0, 0.1)
+    (axis,) = motor_error_over_time_figure({"100 kg": dict.fromkeys(names, (time, time))}).axes
+    styles = [line.get_linestyle() for line in axis.lines]
+    assert styles == ["-", "-", "--", "-", "--"]
+
+
 def test_a_change_is_marked_in_the_panels_of_those_runs_alone_that_had_it() -> None:
     time = np.arange(0.0, 5.0, 0.1)
     errors = {load: {"static": (time, np.sin(time))} for load in ("100 kg", "100, then 200 kg")}

@@ -20,7 +20,7 @@ from cspr_control.analysis.style import (
     EVENT_COLOUR,
     REFERENCE_COLOUR,
     WIDTH,
-    controller_colour,
+    controller_line,
     controller_title,
     motor_line,
 )
@@ -232,8 +232,8 @@ def motor_error_over_time_figure(
     handles: dict[str, Any] = {}
     for axis, (title, panel) in zip(axes, errors.items(), strict=True):
         for controller, (time, error) in panel.items():
-            colour = controller_colour(controller, known.index(controller))
-            (handles[controller],) = axis.plot(time, error, color=colour, label=controller_title(controller))
+            line = controller_line(controller, known.index(controller))
+            (handles[controller],) = axis.plot(time, error, label=controller_title(controller), **line)
         axis.set(ylabel="error, deg", title=f"Motor {motor} position error, {title}")
         mark_times(axis, (changes or {}).get(title))
     axes[-1].set(xlabel="time, s")

@@ -21,7 +21,7 @@ from cspr_control.analysis.error_statistics import ErrorStatistics
 from cspr_control.analysis.figures import CABLE_OF_FIGURE_10, payload_change
 from cspr_control.analysis.packing import Packer
 from cspr_control.analysis.run_analysis import RunAnalysis
-from cspr_control.analysis.style import COLOURS, controller_colour, controller_title
+from cspr_control.analysis.style import COLOURS, DASHED_CONTROLLERS, controller_colour, controller_title
 from cspr_control.analysis.tables import motor_rows, row_texts, summary_rows
 from cspr_control.analysis.timeline import Event, EventKind
 from cspr_control.tension_colours import TENSION_COLOURS
@@ -113,6 +113,7 @@ def _run(run: RunAnalysis, index: int, packer: Packer, limit: int) -> dict[str, 
     return {
         "title": controller_title(run.name),
         "color": controller_colour(run.name, index),
+        "dashed": run.name in DASHED_CONTROLLERS,
         "remarks": run.remarks,
         "states": [
             {"start": seconds(span.start_ns), "end": seconds(span.end_ns), "name": span.name}

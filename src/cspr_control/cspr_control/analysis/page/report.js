@@ -427,7 +427,8 @@ function buildCharts(page) {
       id: "motor-3", title: `Position error of motor ${chosen + 1}, all runs`, unit: "error, deg", height: 280,
       note: "Fig. 12: one line a controller.",
       panels: [{ run: null, series: compared.map((run) => ({
-        name: run.title, color: run.color, motor: null, block: run.blocks.errors, column: chosen })) }],
+        name: run.title, color: run.color, dash: run.dashed ? [6, 4] : null, motor: null, block: run.blocks.errors,
+        column: chosen })) }],
     }));
   }
   lines(
