@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cspr_control.supervision_checks import FaultKind
+from cspr_control.trajectory_catalogue import TrajectoryName
 from cspr_drivers.command_check import CommandFault
 from cspr_drivers.timeouts import Timeouts
 
@@ -27,6 +28,11 @@ def rows(title):
     """Return the cells of each row of the table of a section, without its head."""
     lines = [line for line in section(title).splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+def test_every_trajectory_is_described():
+    described = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in rows("Trajectories")))
+    assert described == [name.value for name in TrajectoryName]
 
 
 def test_every_fault_of_the_robot_has_meaning_and_remedy():

@@ -13,6 +13,23 @@ from .arrays import FloatArray
 from .errors import InvalidInputError, RobotFileError
 
 
+class _UniqueKeys(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
+    """Refuses a key that a mapping has twice (YAML 1.2.2, section 3.2.1.3); PyYAML alone would take the last."""
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {key.value} stands there twice", problem_mark=key.start_mark
+                )
+            seen.add(key.value)
+        return node
+
+
 def read_yaml(path: str | Path) -> object:
     """Return the content of a YAML file.
 
@@ -24,7 +41,7 @@ def read_yaml(path: str | Path) -> object:
     source = str(path)
     try:
         with open(path, encoding="utf-8") as stream:
-            content: object = yaml.safe_load(stream)
+            content: object = yaml.load(stream, _UniqueKeys)
     except OSError as error:
         raise RobotFileError(
             source,
@@ -32,7 +49,7 @@ def read_yaml(path: str | Path) -> object:
             None,
             f"cannot be read ({error.strerror}); give the robot's file with -p robot_config:=PATH",
         ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # no text, no number, no end of brackets
         raise RobotFileError(source, None, None, f"not a YAML file: {error}") from error
     return content
 
@@ -144,9 +161,13 @@ class Section:
             if isinstance(value, str) and _reads_as_number(value):
                 hint = "; without quotes, and with a point before an exponent: 1.0e-3"
             raise self.error(key, value, f"must be a number{hint}")
-        if not np.isfinite(value):
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number that is too large
+            number = np.inf
+        if not np.isfinite(number):
             raise self.error(key, value, "must be finite")
-        return float(value)
+        return number
 
 
 def _reads_as_number(text: str) -> bool:

@@ -9,7 +9,7 @@ from cspr_drivers.can_bus import QuickVirtualBus
 from cspr_drivers.simulation.bus_timing import BABBLING_COB_ID, BusDisturbance
 from cspr_drivers.simulation.timed_bus import TimedBus
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 US = 1e-6
 
 

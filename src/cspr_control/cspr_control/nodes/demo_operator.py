@@ -96,7 +96,8 @@ class DemoClient(Node):
 
     def _on_robot_state(self, status: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in status.values}
-        self.robot_state, self.robot_message = status.message, values.get("cause", "")
+        self.robot_state = status.message
+        self.robot_message = values.get("cause") or values.get("remark", "")
 
     def _on_trajectory_state(self, status: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in status.values}
@@ -212,21 +213,38 @@ class Operator:
 
     def call(self, service: str, limit: float) -> None:
         """Ask a service until it accepts; a refusal is final only when the time is up."""
-        refusal = ["no such service"]
+        refusal: str | None = None
 
         def accepted() -> bool:
-            future = self._client.trigger(service)
-            end = time.monotonic() + 5.0
-            while future is not None and not future.done() and time.monotonic() < end:
-                self._children.check()
-                time.sleep(0.01)
-            if future is None or not future.done():
-                refusal[0] = "no answer"
-                return False
-            refusal[0] = future.result().message
-            return bool(future.result().success)
+            nonlocal refusal
+            refusal = self._ask(service)
+            return refusal is None
 
-        self.wait(f"calling {service.rsplit('/', 1)[-1]}", accepted, limit, lambda: refusal[0])
+        self.wait(f"calling {service.rsplit('/', 1)[-1]}", accepted, limit, lambda: refusal or "")
+
+    def enable(self, limit: float) -> None:
+        """Enable the robot; ask again when the drives had to refuse, as when the torques were not there yet."""
+        client, refusal = self._client, None
+
+        def enabled() -> bool:
+            nonlocal refusal
+            if client.robot_state == "disabled":
+                refusal = self._ask("/supervisor/enable")
+            return client.robot_state == "enabled"
+
+        self.wait("enabling", enabled, limit, lambda: client.robot_message or refusal or client.robot_state)
+
+    def _ask(self, service: str) -> str | None:
+        """Ask a service; returns why it refuses, or None."""
+        future = self._client.trigger(service)
+        end = time.monotonic() + 5.0
+        while future is not None and not future.done() and time.monotonic() < end:
+            self._children.check()
+            time.sleep(0.01)
+        if future is None or not future.done():
+            return "no answer"
+        answer = future.result()
+        return None if answer.success else str(answer.message)
 
     def stop(self) -> dict[str, str]:
         """Stop the robot, brakes closed; returns the driver's counters of the run."""
@@ -241,7 +259,7 @@ class Operator:
 
     def make_safe(self) -> None:
         """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""
-        with contextlib.suppress(KeyboardInterrupt, ControlError):
+        with contextlib.suppress(KeyboardInterrupt, ControlError, OSError):  # the terminal may be gone
             if self._client.robot_state in ("enabling", "enabled", "stopping"):
                 future = self._client.trigger("/supervisor/stop")
                 deadline = time.monotonic() + 4.0
@@ -250,5 +268,6 @@ class Operator:
                     and self._client.robot_state != "disabled"
                     and time.monotonic() < deadline
                 ):
-                    self._children.check()
+                    self._progress.show("stopping")
+                    self._children.check(("control", "simulated_robot"))  # nobody else has a part in it
                     time.sleep(0.02)

@@ -96,7 +96,9 @@ class RobotEmulator:
                 )
         for name in (DRIVE_EDS, LOAD_CELL_EDS):
             if not (eds_directory / name).is_file():
-                raise ConfigurationError(f"{eds_directory / name}: cannot be found; it describes the devices")
+                raise ConfigurationError(
+                    f"{eds_directory / name}: missing; it describes the devices of {can_config.source}, beside it"
+                )
         self.machine = SharedPlant(plant, simulation.payload_changes)
         self.drives = tuple(
             DriveEmulator(
