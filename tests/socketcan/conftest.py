@@ -579,6 +579,14 @@ def root():
 
 
 @pytest.fixture
+def two_buses_file(tmp_path):
+    """The shipped configuration, half of its devices on each of two buses of the kernel."""
+    path = tmp_path / "can.yaml"
+    path.write_text(yaml.safe_dump(two_buses(RATE, TIMEOUTS)))
+    return path
+
+
+@pytest.fixture
 def rate(bench):
     """Cycles in a second of the machine, Hz."""
     return bench.rate
