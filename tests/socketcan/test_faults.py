@@ -100,7 +100,7 @@ def test_error_frames_are_counted_and_named(bench, raw):
 
     def told():
         _, message, values = bench.probe.health.get("can_drives: bus bus_0", (0, "", {}))
-        return "error" in message and int(values.get("bus_errors", 0)) >= 20
+        return "protocol violation" in message and int(values.get("bus_errors", 0)) >= 20
 
     bench.until(told, "error frames are not in /diagnostics")
     assert bench.probe.brakes_open == 0
