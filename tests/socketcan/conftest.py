@@ -57,7 +57,7 @@ RATE = 25.0  # Hz; a real machine runs at ten times as much
 SPEED = 0.2  # seconds of the machine in a second of the computer
 TIMEOUTS = {  # s of the machine
     "command": 0.5,  # below rpdo, so that the driver names the cause before the drives act
-    "feedback": 0.7,
+    "feedback": 0.45,  # below command: without states there are no commands, and silence is the cause
     "rpdo": 0.8,
     "heartbeat_producer": 0.3,
     "heartbeat_consumer": 0.9,
