@@ -350,6 +350,7 @@ class Bench:
             self.drivers.wait_until_ready()
             self.probe.forget_drives()
         self.probe.answers = True
+        self.probe.call("/simulated_robot/clear_faults")  # of a test that failed
         wait_for(
             lambda: self.probe.group[0] in ("disabled", "fault"), self.explain("the drives are not ready")
         )
