@@ -127,7 +127,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench(robot_file, private_domain):
+def bench(robot_file):
     context = Context()
     rclpy.init(args=[], context=context)
     bench = Bench(context, robot_file)

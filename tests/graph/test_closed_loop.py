@@ -35,7 +35,8 @@ class Demo:
     def __init__(self, directory: Path, *arguments: str) -> None:
         self.runs = directory / "runs"
         self.output = directory / "output"
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(34 + os.getpid() % 6), "PYTHONUNBUFFERED": "1"}
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+        del environment["ROS_DOMAIN_ID"]  # it finds itself one
         with open(self.output, "wb") as file:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(self.runs), *arguments],

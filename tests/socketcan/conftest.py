@@ -461,13 +461,6 @@ class WireReport:
         )
 
 
-@pytest.fixture(scope="session", autouse=True)
-def domain():
-    """A ROS domain of its own, on this machine alone."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 60))
-
-
 @pytest.fixture(scope="module")
 def processes(request, tmp_path_factory):
     bench = Bench(tmp_path_factory.mktemp("socketcan"), getattr(request.module, "RATE", RATE))

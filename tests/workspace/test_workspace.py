@@ -98,8 +98,6 @@ def environment(workspace: Path) -> dict[str, str]:
         **os.environ,
         "PYTHONPATH": ":".join(map(str, site)),
         "AMENT_PREFIX_PATH": ":".join(str(path) for path in workspace.glob("install/cspr_*")),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": "93",
         "PYTHONUNBUFFERED": "1",
     }
 

@@ -18,7 +18,6 @@ from cspr_control.analysis.recording import read_recording
 from cspr_control.analysis.results import default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.child_processes import ChildProcesses
-from cspr_control.demo_domain import claim_domain
 from cspr_control.demo_scenario import (
     CONTROLLERS,
     TRAJECTORIES,
@@ -30,6 +29,7 @@ from cspr_control.demo_scenario import (
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
 from cspr_control.recorded_run import summarise_run
+from cspr_control.ros_domain import claim_domain
 from cspr_control.run_summary import RunSummary, format_comparison, format_summary
 
 COMPARED = [("pd", False), ("static", False), ("pdff", False), ("pdff-mass", False), ("pdff", True)]
