@@ -1,19 +1,26 @@
-"""What all tests have in common: a corner of the middleware of their own."""
+"""A ROS domain of its own for each process of the tests, whatever the shell has set: no robot hears a test."""
 
 import os
-from collections.abc import Iterator
+import socket
 
 import pytest
 
-from cspr_control.ros_domain import VARIABLE, claim_domain
+# Clear of the default 0 and the demo's 33; from 102 on, other programs use the ports.
+DOMAINS = range(50, 100)
 
-DOMAINS = range(40, 90)  # none of those of demos
+_claim = pytest.StashKey[socket.socket]()
 
 
-@pytest.fixture(scope="session", autouse=True)
-def private_domain() -> Iterator[None]:
-    """Keep the tests of this process on this machine, and away from any other graph and any other tests on it."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.pop(VARIABLE, None)
-    with claim_domain(DOMAINS):
-        yield
+def pytest_configure(config: pytest.Config) -> None:
+    """Take a domain that no other process of tests on this machine has; it is free again when the process ends."""
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    for domain in DOMAINS:
+        try:
+            claim.bind(f"\0cspr tests, ROS domain {domain}")  # a name without a file
+        except OSError:
+            continue
+        config.stash[_claim] = claim
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        return
+    raise pytest.UsageError(f"other tests have all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]}")

@@ -70,6 +70,7 @@ def test_without_matplotlib(
         (["--payload", "10", "5"], "payload_min"),
         (["--payload", "-1", "5"], "payload_min"),
         (["--spacing", "0"], "spacing"),
+        (["--at", "0", "0", "9"], "--at = [0.0, 0.0, 9.0]: outside the grid"),
         (["--robot", "missing.yaml"], "missing.yaml"),
     ],
 )
@@ -80,6 +81,7 @@ def test_what_cannot_be_computed_is_one_line(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_help_and_wrong_arguments(capsys: pytest.CaptureFixture[str]) -> None:

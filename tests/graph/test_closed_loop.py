@@ -36,7 +36,6 @@ class Demo:
         self.runs = directory / "runs"
         self.output = directory / "output"
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-        del environment["ROS_DOMAIN_ID"]  # it finds itself one
         with open(self.output, "wb") as file:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(self.runs), *arguments],

@@ -96,14 +96,23 @@ def test_batch_axes_broadcast(robot: Robot) -> None:
     result = feedforward_tensions(robot, poses, *rest, external_wrench=loads)
     np.testing.assert_allclose(np.diff(result.wrench[:, 2]), 100.0)
     assert result.tensions.shape == (3, 8)
+    for shape in ((3,), (3, 1), (2, 3)):  # and the other way round: many wrenches at one pose
+        many = np.broadcast_to(loads if shape[-1] == 3 else loads[:, None], (*shape, 6))
+        at_one = feedforward_tensions(robot, robot.home, *rest, external_wrench=many)
+        assert at_one.tensions.shape == (*shape, 8)
+        np.testing.assert_array_equal(at_one.wrench, required_wrench(robot, robot.home, *rest, None, many))
+    nowhere = Pose(robot.exit_points[2] - robot.anchor_points[2], np.eye(3))
+    with pytest.raises(CableReachError, match="cable 3"):
+        feedforward_tensions(robot, nowhere, *rest, external_wrench=loads)
     with pytest.raises(ValueError, match="read-only"):
         result.tensions[0] = 0.0
 
 
 def test_bad_input(robot: Robot) -> None:
     rest = robot.home, Twist.zero(), Acceleration.zero()
+    two = Pose(np.stack((robot.home.position,) * 2), np.eye(3))
     with pytest.raises(InvalidInputError, match="external_wrench"):
-        feedforward_tensions(robot, *rest, external_wrench=np.zeros((2, 6)))
+        feedforward_tensions(robot, two, *rest[1:], external_wrench=np.zeros((3, 6)))
     with pytest.raises(InvalidInputError, match="external_wrench"):
         feedforward_tensions(robot, *rest, external_wrench=np.full(6, np.nan))
     with pytest.raises(InvalidInputError, match="reference"):

@@ -99,7 +99,7 @@ def test_cables_end_where_they_leave_their_pulleys(robot: Robot) -> None:
     """Of two cables side by side, both over a pulley, the upper ends come nearest to each other."""
     over = robot.with_geometry(pulleys=Pulleys(0.05))
     cables = inverse_kinematics(over, robot.home)
-    ends = robot.home.position + cables.arms + cables.free_lengths[:, None] * cables.directions
+    ends = cables.tangent_points
     result = cable_interference(over, robot.home)
     distance = float(result.pair_distances[(result.pairs == [1, 2]).all(axis=1)][0])
     assert distance == pytest.approx(np.linalg.norm(ends[0] - ends[1]), rel=0.2)

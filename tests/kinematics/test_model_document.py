@@ -170,7 +170,7 @@ def payload_change_table(robot: Robot, _: Robot) -> Table:
 def pulley_table(robot: Robot, with_pulleys: Robot) -> Table:
     fixed = inverse_kinematics(robot, robot.home)
     over = inverse_kinematics(with_pulleys, robot.home)
-    wraps = (over.lengths - over.free_lengths) / with_pulleys.pulleys.radius
+    wraps = over.wrapped_lengths / with_pulleys.pulleys.radius
     rows = [row("cable", "fixed, m", "R = 50 mm, m", "free part, m", "wrap, degrees")]
     for k in range(robot.number_of_cables):
         lengths = numbers([fixed.lengths[k], over.lengths[k], over.free_lengths[k]], 4)

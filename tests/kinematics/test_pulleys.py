@@ -94,6 +94,27 @@ def test_the_cable_is_tangent_to_a_pulley_that_swivels(
     assert 0.0 <= wrap < 2.0 * np.pi
 
 
+@pytest.mark.parametrize("name", ["robot", "robot_with_pulleys", "twelve_cables"])
+def test_cables_say_where_they_leave_their_pulleys(name: str, request: pytest.FixtureRequest) -> None:
+    robot: Robot = request.getfixturevalue(name)
+    pose = Pose.from_euler(robot.home.position + np.array([[0.1, -0.2, 0.1], [0.0, 0.0, 0.0]]), 0.1, 0.2, 0.3)
+    cables, m = inverse_kinematics(robot, pose), robot.number_of_cables
+    anchors = pose.position[:, None] + robot.anchor_points @ pose.rotation.swapaxes(-1, -2)
+    np.testing.assert_allclose(cables.anchor_points, anchors, atol=1e-12)
+    for k, i in np.ndindex(2, m):
+        radius, axis = robot.pulleys.radii(m)[i], robot.pulleys.axes(m)[i]
+        offset = cables.tangent_points[k, i] - robot.exit_points[i]
+        along = offset @ axis
+        across = np.linalg.norm(offset - along * axis)
+        # on the circle about the pulley's centre, which lies `radius` across the axis from the exit point
+        assert np.hypot(across - radius, along) == pytest.approx(radius, abs=1e-9)
+        chord = np.hypot(across, along)
+        arc = 2.0 * np.arcsin(min(1.0, 0.5 * chord / radius)) * radius if radius else 0.0
+        assert cables.wrapped_lengths[k, i] == pytest.approx(arc, abs=1e-9)  # less than half a turn here
+    straight = np.linalg.norm(cables.tangent_points - anchors, axis=-1)
+    np.testing.assert_allclose(cables.lengths, cables.wrapped_lengths + straight, atol=1e-12)
+
+
 def test_radius_zero_is_the_fixed_point_and_the_limit(robot: Robot, random_pose: Callable[..., Pose]) -> None:
     pose = random_pose(20)
     fixed = inverse_kinematics(robot, pose)

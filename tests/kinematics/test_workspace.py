@@ -157,6 +157,8 @@ def test_picture_without_matplotlib(
         ({"spacing": 0.0}, "spacing"),
         ({"spacing": np.nan}, "spacing"),
         ({"spacing": 1e-4}, "spacing"),
+        ({"spacing": 1e-12}, "spacing"),
+        ({"spacing": 1e-308}, "spacing"),
         ({"lower": [0.0, 0.0]}, "lower"),
         ({"lower": UPPER, "upper": LOWER}, "lower"),
         ({"upper": [np.inf, 1.0, 1.0]}, "upper"),

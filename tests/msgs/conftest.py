@@ -1,4 +1,4 @@
-"""Fixtures for the message tests: a private corner of the middleware, and bags with known content."""
+"""Fixtures for the message tests: the middleware, and bags with known content."""
 
 from collections.abc import Iterator
 from pathlib import Path

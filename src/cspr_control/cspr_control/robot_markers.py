@@ -137,8 +137,7 @@ def cable_shape(robot: Robot, pose: Pose, tensions: ArrayLike | None) -> Shape:
     """
     m = robot.number_of_cables
     cables = inverse_kinematics(robot, pose)
-    anchors = pose.position + cables.arms
-    departures = anchors + cables.free_lengths[:, None] * cables.directions
+    anchors, departures = cables.anchor_points, cables.tangent_points
     points = np.stack((anchors, departures, departures, robot.exit_points), axis=1).reshape(-1, 3)
     known = np.full(m, np.nan) if tensions is None else tensions
     colours = tension_colours(known, robot.tension_min, robot.tension_max)

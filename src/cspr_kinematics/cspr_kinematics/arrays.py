@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +14,7 @@ from .errors import InvalidInputError
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+_DOUBLE = np.dtype(np.float64)
 
 
 def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
@@ -32,9 +35,8 @@ def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
         If the value is not numeric, not finite, or has another shape.
     """
     array = as_floats(name, value, *last_axes)
-    flat = array.ravel()
     # a fifth of the time of the full test, which overflow of the squares makes necessary now and then
-    if not math.isfinite(flat.dot(flat)) and not np.isfinite(flat).all():
+    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
         raise InvalidInputError(name, value, "not finite")
     return array
 
@@ -48,13 +50,27 @@ def as_floats(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
         If the value is not numeric, or has another shape.
     """
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = np.asarray(value)
+        if array is not value or array.dtype != _DOUBLE:
+            array = _real_numbers(value, array)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(name, value, f"not an array of numbers ({error})") from error
     if array.ndim < len(last_axes) or array.shape[array.ndim - len(last_axes) :] != last_axes:
         wanted = ", ".join(["...", *map(str, last_axes)])
         raise InvalidInputError(name, value, f"shape {array.shape} where ({wanted}) is needed")
     return array
+
+
+def _real_numbers(value: ArrayLike, array: NDArray[Any]) -> FloatArray:
+    """Return `array`, which was made of `value`, in double precision; missing values as not-a-number.
+
+    numpy itself would read text, drop imaginary parts, and take what stands under the mask of a masked array.
+    """
+    if array.dtype.kind not in "fiubO":
+        raise TypeError(f"of type {array.dtype}")
+    if isinstance(value, np.ma.MaskedArray):
+        return np.asarray(np.ma.filled(value.astype(np.float64), np.nan))
+    return array.astype(np.float64, copy=False)
 
 
 def frozen(array: FloatArray) -> FloatArray:
@@ -74,7 +90,7 @@ def checked_number(name: str, value: float) -> float:
     """
     try:
         number = float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(name, value, "not a number") from error
     if not math.isfinite(number):
         raise InvalidInputError(name, value, "not finite")
@@ -110,15 +126,15 @@ def non_negative_number(name: str, value: float) -> float:
 
 
 def positive_integer(name: str, value: int) -> int:
-    """Return `value`, a whole number of at least one.
+    """Return `value`, a whole number of at least one that fits into 64 bits.
 
     Raises
     ------
     InvalidInputError
         If it is not.
     """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise InvalidInputError(name, value, "must be a whole number of at least 1")
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 1 <= value <= sys.maxsize:
+        raise InvalidInputError(name, value, f"must be a whole number from 1 to {sys.maxsize}")
     return int(value)
 
 

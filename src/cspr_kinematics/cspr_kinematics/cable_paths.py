@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike
 from .arrays import FloatArray, checked, frozen
 from .compiled import kernel_input
 from .errors import CableReachError, InvalidInputError
-from .kernels.cable_kernels import INSIDE_PULLEY, NO_LENGTH, ON_SWIVEL_AXIS, PATH_EXISTS, lengths_at_poses
+from .kernels.cable_kernels import (
+    BEYOND_RANGE,
+    INSIDE_PULLEY,
+    NO_LENGTH,
+    ON_SWIVEL_AXIS,
+    PATH_EXISTS,
+    lengths_at_poses,
+)
 from .pose import Pose
 from .pulleys import Pulleys
 
@@ -19,6 +26,7 @@ _REASONS = {
     NO_LENGTH: "its anchor point coincides with its exit point and the cable has no length",
     INSIDE_PULLEY: "cannot reach its pulley; the anchor point lies inside it",
     ON_SWIVEL_AXIS: "its anchor point lies on the swivel axis, where the pulley has no direction",
+    BEYOND_RANGE: "its length exceeds the range of numbers",
 }
 
 

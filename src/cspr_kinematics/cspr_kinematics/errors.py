@@ -131,7 +131,8 @@ class ForwardKinematicsError(KinematicsError):
     converged : numpy.ndarray of bool, shape (...)
         Which members of the batch were solved.
     slack : numpy.ndarray, shape (..., m)
-        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero.
+        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero. Where
+        it cannot be told which one is slack, all that may be.
     """
 
     def __init__(
@@ -150,10 +151,10 @@ class ForwardKinematicsError(KinematicsError):
 
 
 def _shown(value: object) -> str:
-    if isinstance(value, np.ndarray):
-        # One line, so that a node can report the error in one.
+    """Return `value` as short text on one line, so that a node can report the error in one."""
+    if type(value) is np.ndarray:
         return " ".join(
             np.array2string(value, precision=6, threshold=32, edgeitems=2, separator=", ").split()
         )
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 200 else text[:197] + "..."

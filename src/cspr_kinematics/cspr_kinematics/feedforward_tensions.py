@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import BoolArray, FloatArray, IntArray, broadcast_batch, checked, frozen
+from .arrays import BoolArray, FloatArray, IntArray, broadcast_batch, checked, frozen, positive_integer
 from .cable_paths import path_error
 from .compiled import in_batch, in_chunks, kernel_input
 from .dynamics import motion_arrays, total_parameters
 from .errors import InvalidInputError, SingularWrenchMatrixError
 from .kernels.cable_kernels import PATH_EXISTS
-from .kernels.feedforward_kernels import SINGULAR_MATRIX, feedforward_at_poses
+from .kernels.feedforward_kernels import BEYOND_RANGE, SINGULAR_MATRIX, feedforward_at_poses
 from .pose import Acceleration, Pose, Twist
 from .rigid_body import Payload
 from .robot import Robot
@@ -97,15 +97,13 @@ def feedforward_tensions(
         If the batch axes do not broadcast, or a value is not finite, has another shape, or a weight is not
         positive.
     """
-    batch, (rotations, omega, a, alpha) = motion_arrays(pose, twist, acceleration)
     external = _NO_WRENCH
     if external_wrench is not None:
         external = checked("external_wrench", external_wrench, 6)
-        if external.ndim > 1 and external.shape[:-1] != batch:
-            if broadcast_batch(motion=batch, external_wrench=external.shape[:-1]) != batch:
-                raise InvalidInputError(
-                    "external_wrench", external, f"shape {external.shape} where {(*batch, 6)} is needed"
-                )
+        pose = _for_each(external.shape[:-1], pose)
+    batch, (rotations, omega, a, alpha) = motion_arrays(pose, twist, acceleration)
+    if external_wrench is not None:
+        if external.ndim > 1:
             external = np.broadcast_to(external, (*batch, 6))
         external = kernel_input(external, external.size // 6, 6)
     m, n = robot.number_of_cables, math.prod(batch)
@@ -134,7 +132,7 @@ def feedforward_tensions(
         faults.append((fault, cable, first + member))
 
     faults: list[tuple[int, int, int]] = []
-    if threads == 1:
+    if positive_integer("threads", threads) == 1:
         everything: list[Any] = [*model, *motion, external, *constants, *outputs]
         faults = [feedforward_at_poses(*everything)]
     else:
@@ -142,6 +140,10 @@ def feedforward_tensions(
     for fault, cable, member in faults:
         if fault == SINGULAR_MATRIX:
             raise _singular(wrench_matrix[member], member, batch)
+        if fault == BEYOND_RANGE:
+            raise InvalidInputError(
+                "wrench", wrench[member], "exceeds, or its tensions do, the range of numbers"
+            )
         if fault != PATH_EXISTS:
             whole = Pose.trusted(positions.reshape(*batch, 3), rotations.reshape(*batch, 3, 3))
             raise path_error(fault, cable, member, whole)
@@ -169,6 +171,22 @@ class _Limits(NamedTuple):
 def _limits_of(robot: Robot) -> _Limits:
     m = robot.number_of_cables
     return _Limits(*(frozen(np.full(m, x)) for x in (robot.tension_min, robot.tension_max, 0.0)))
+
+
+def _for_each(wrenches: tuple[int, ...], pose: Pose) -> Pose:
+    """Return `pose` repeated along the batch axes of external wrenches that it does not have itself.
+
+    Raises
+    ------
+    InvalidInputError
+        If the two do not broadcast.
+    """
+    batch = broadcast_batch(pose=pose.batch_shape, external_wrench=wrenches)
+    if batch == pose.batch_shape:
+        return pose
+    return Pose.trusted(
+        np.broadcast_to(pose.position, (*batch, 3)), np.broadcast_to(pose.rotation, (*batch, 3, 3))
+    )
 
 
 def _with_batch(vectors: FloatArray, batch: tuple[int, ...]) -> FloatArray:

@@ -46,6 +46,8 @@ class ForwardKinematicsStatus(IntEnum):
     """The nearest pose leaves length errors beyond what is accepted."""
     SLACK_CABLE = kernels.SLACK_CABLE
     """As before, but without the cables in `slack` the others fit."""
+    SLACK_UNCERTAIN = kernels.SLACK_UNCERTAIN
+    """As before, but each of the cables in `slack` alone explains the lengths; which it is cannot be told."""
     ABOVE_FRAME = ABOVE_FRAME
     """What fits lies on the other side of the frame, where no suspended platform is."""
     BEYOND_PULLEY = iteration.BEYOND_PULLEY
@@ -69,8 +71,8 @@ class ForwardKinematicsSolution:
     status : numpy.ndarray of int, shape (...)
         A `ForwardKinematicsStatus` for each.
     slack : numpy.ndarray, shape (..., m)
-        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero.
-        `pose` is then still the one that fits all cables best.
+        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero. With
+        the status SLACK_UNCERTAIN it is one of them. `pose` is still the one that fits all cables best.
     covariance : numpy.ndarray, shape (..., 6, 6), or None
         Of position and rotation vector in base axes, if the uncertainty of the lengths was given.
     """
@@ -243,7 +245,7 @@ def _solve(
         done.append(kernels.forward_at_poses(*arguments))
 
     done: list[tuple[int, int]] = []
-    if threads == 1:
+    if positive_integer("threads", threads) == 1:
         everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
         done = [kernels.forward_at_poses(*everything)]
     else:
@@ -267,10 +269,12 @@ def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> Forwar
         iteration.BEYOND_PULLEY: "At the guess a cable cannot reach its pulley",
     }.get(int(statuses[0]), "Check that the lengths belong to this robot, and start from a nearer guess")
     slack = solution.slack[failed].reshape(-1, solution.slack.shape[-1])
-    with_slack = slack[slack.any(axis=-1)]
+    with_slack = np.flatnonzero(slack.any(axis=-1))
     if len(with_slack):
-        named = " and ".join(
-            f"cable {k + 1} is slack by {with_slack[0, k]:.4g} m" for k in np.flatnonzero(with_slack[0])
+        first = slack[with_slack[0]]
+        certain = statuses.ravel()[with_slack[0]] == kernels.SLACK_CABLE
+        named = (" and " if certain else ", or ").join(
+            f"cable {k + 1} is slack by {first[k]:.4g} m" for k in np.flatnonzero(first)
         )
         advice = f"Without it the others fit: {named}"
     return ForwardKinematicsError(

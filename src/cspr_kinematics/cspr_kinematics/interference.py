@@ -139,7 +139,7 @@ def cable_interference(
     cables = inverse_kinematics(robot, pose)
     batch, m = pose.batch_shape, robot.number_of_cables
     count = math.prod(batch)
-    starts = pose.position[..., None, :] + cables.arms
+    starts = cables.anchor_points
     spans = cables.free_lengths[..., None] * cables.directions
     pairs = np.array(
         [pair for pair in itertools.combinations(range(m), 2) if not _share_a_point(robot, *pair)],

@@ -33,7 +33,9 @@ class Cables:
     jacobian : numpy.ndarray, shape (..., m, 6)
         J = -A^T: `J @ [v; omega]` are the rates of cable length, exact with pulleys too.
     free_lengths : numpy.ndarray, shape (..., m)
-        From the anchor point to where the cable leaves its pulley, at p + r_i + f_i u_i, m.
+        f_i, from the anchor point to where the cable leaves its pulley, m.
+    position : numpy.ndarray, shape (..., 3)
+        p, the platform's origin in base, m.
     """
 
     lengths: FloatArray
@@ -42,6 +44,25 @@ class Cables:
     wrench_matrix: FloatArray
     jacobian: FloatArray
     free_lengths: FloatArray
+    position: FloatArray
+
+    @property
+    def anchor_points(self) -> FloatArray:
+        """Where the cables end at the platform, p + r_i in base, shape (..., m, 3), m."""
+        return np.asarray(self.position[..., None, :] + self.arms)
+
+    @property
+    def tangent_points(self) -> FloatArray:
+        """Where they leave their pulleys, p + r_i + f_i u_i in base, shape (..., m, 3), m.
+
+        Without a pulley the exit points.
+        """
+        return np.asarray(self.anchor_points + self.free_lengths[..., None] * self.directions)
+
+    @property
+    def wrapped_lengths(self) -> FloatArray:
+        """Arcs on the pulleys, from exit point to tangent point, shape (..., m), m; zero without a pulley."""
+        return np.asarray(self.lengths - self.free_lengths)
 
 
 def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
@@ -84,6 +105,7 @@ def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
         in_batch(wrench_matrix, batch),
         in_batch(jacobian, batch),
         in_batch(free_lengths, batch),
+        pose.position,
     )
 
 

@@ -125,16 +125,17 @@ def distribute_tensions(
         done.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
 
     done: list[tuple[int, bool]] = []
-    if threads == 1:
-        work(0, n)
-    else:
-        in_chunks(work, n, threads)
+    in_chunks(work, n, threads)
     for singular, finite in done:
         if singular or not finite:
             checked("wrench", w)
             checked("wrench_matrix", A)
         if singular:
             raise _singular(problem[0], status, batch)
+        if not finite:
+            raise InvalidInputError(
+                "wrench", w, "with these limits and weights the tensions exceed the range of numbers"
+            )
     return TensionResult(
         in_batch(tensions, batch),
         in_batch(feasible, batch),

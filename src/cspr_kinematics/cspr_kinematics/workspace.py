@@ -257,15 +257,13 @@ def explore_workspace(
         If a value is not finite or has another shape, the corners are not in order, the spacing is not
         positive or asks for more than 50 million poses, or there is no orientation.
     """
-    axes = _axes(robot, lower, upper, spacing)
     angles = checked("orientations", orientations, 3).reshape(-1, 3)
     if not len(angles):
         raise InvalidInputError("orientations", orientations, "at least one is needed")
+    axes = _axes(robot, lower, upper, spacing, _MOST_POSES // len(angles))
     shape = tuple(map(len, axes))
     count = math.prod(shape)
     total = count * len(angles)
-    if total > _MOST_POSES:
-        raise InvalidInputError("spacing", spacing, f"{total} poses; {_MOST_POSES} are the most")
     positive_number("lever", lever)
     positive_integer("threads", threads)
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(count, 3)
@@ -316,7 +314,7 @@ def _assess(
 
 
 def _axes(
-    robot: Robot, lower: ArrayLike | None, upper: ArrayLike | None, spacing: float
+    robot: Robot, lower: ArrayLike | None, upper: ArrayLike | None, spacing: float, most: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     low = checked("lower", robot.workspace_min if lower is None else lower, 3)
     high = checked("upper", robot.workspace_max if upper is None else upper, 3)
@@ -327,6 +325,10 @@ def _axes(
         raise InvalidInputError("lower", low, f"must be below upper = {high.tolist()} in every direction")
     step = positive_number("spacing", spacing)
     # A grid of less than the rounding error more than the spacing is not worth another plane.
-    counts = [max(2, math.ceil((b - a) / step - 1e-9) + 1) for a, b in zip(low, high, strict=True)]
-    x, y, z = (np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True))
+    with np.errstate(over="ignore"):
+        counts = np.maximum(2.0, np.ceil((high - low) / step - 1e-9) + 1.0)
+        positions = float(counts.prod())
+    if not positions <= most:
+        raise InvalidInputError("spacing", spacing, f"{positions:.4g} positions; {most} are the most")
+    x, y, z = (np.linspace(a, b, int(n)) for a, b, n in zip(low, high, counts, strict=True))
     return x, y, z

@@ -15,8 +15,9 @@ from pathlib import Path
 from types import FrameType
 
 from cspr_control.analysis.recording import read_recording
-from cspr_control.analysis.results import default_directory, write_results
+from cspr_control.analysis.results import FIGURES, default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
+from cspr_control.analysis.tables import format_runs
 from cspr_control.child_processes import ChildProcesses
 from cspr_control.demo_scenario import (
     CONTROLLERS,
@@ -100,13 +101,15 @@ def _run_chosen(options: argparse.Namespace, summaries: list[RunSummary]) -> Non
         summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
         summaries.append(summary)
         analyses.append(analysis)
+        if not options.compare:
+            print(f"\n{format_runs([analysis])}")
         print(f"\n{format_summary(summary)}")
         if options.speed < 1.0:
             print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
         print(f"  recorded in           {directory}", flush=True)
         _report([analysis], figures=not options.compare)
     if options.compare:
-        print(format_comparison(summaries))
+        print(format_runs(analyses), format_comparison(summaries), sep="\n\n")
         _report(analyses)
 
 
@@ -334,6 +337,9 @@ def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
     except (ControlError, OSError) as problem:
         print(f"  report                none: {problem}\n")
     else:
+        if results.figures:
+            place = os.path.relpath(directory / FIGURES)
+            print(f"  figures               {place} ({len(results.figures)}, each as PNG and SVG)")
         print(f"  report                {os.path.relpath(results.report)}\n")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cspr_kinematics import KinematicsError, Robot, Task, Workspace, explore_workspace
+from cspr_kinematics import InvalidInputError, KinematicsError, Robot, Task, Workspace, explore_workspace
 from cspr_kinematics.workspace_plot import PlottingUnavailableError, plot_workspace
 
 DESCRIPTION = """\
@@ -51,6 +51,7 @@ def _run(options: argparse.Namespace) -> int:
     robot = Robot.from_yaml(options.robot)
     smallest, largest = options.payload
     task = Task(smallest, largest, options.center_of_mass, options.acceleration, options.angular_acceleration)
+    _check_positions(options, robot)
     output = Path(options.output)
     output.parent.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
@@ -81,6 +82,19 @@ def _run(options: argparse.Namespace) -> int:
         return 1
     print(f"  picture               {picture_file}")
     return 0
+
+
+def _check_positions(options: argparse.Namespace, robot: Robot) -> None:
+    """Refuse positions outside the grid before it is explored, which may take minutes."""
+    lower = np.asarray(robot.workspace_min if options.lower is None else options.lower)
+    upper = np.asarray(robot.workspace_max if options.upper is None else options.upper)
+    for position in options.at or []:
+        if not (np.all(lower <= position) and np.all(position <= upper)):
+            raise InvalidInputError(
+                "--at",
+                position,
+                f"outside the grid, {lower.tolist()} to {upper.tolist()}; see --lower, --upper",
+            )
 
 
 def format_summary(robot: Robot, task: Task, workspace: Workspace, orientations: int, elapsed: float) -> str:

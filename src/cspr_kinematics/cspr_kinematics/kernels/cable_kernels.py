@@ -19,6 +19,7 @@ PATH_EXISTS = 0
 NO_LENGTH = 1  # the anchor point lies on the exit point
 INSIDE_PULLEY = 2  # no tangent from the pulley reaches the anchor point
 ON_SWIVEL_AXIS = 3  # the length is known, the direction of the pulley is not
+BEYOND_RANGE = 4  # the length exceeds the range of floating-point numbers
 
 
 @kernel
@@ -47,6 +48,8 @@ def cable_path(
         length = math.sqrt(dx * dx + dy * dy + dz * dz)
         if length < SHORTEST_CABLE:
             return NO_LENGTH, length, length, 0.0, 0.0, 0.0
+        if not length < math.inf:
+            return BEYOND_RANGE, length, length, 0.0, 0.0, 0.0
         return PATH_EXISTS, length, length, -dx / length, -dy / length, -dz / length
 
     h = dx * kx + dy * ky + dz * kz
@@ -66,6 +69,8 @@ def cable_path(
         # above the exit point the wrap is in [0, pi], and less than zero by rounding only
         wrap = 0.0 if h > 0.0 else wrap + 2.0 * math.pi
     length = radius * wrap + free
+    if not length < math.inf:
+        return BEYOND_RANGE, length, free, 0.0, 0.0, 0.0
 
     fault = PATH_EXISTS
     if s < SHORTEST_CABLE:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..arrays import BoolArray, FloatArray, IntArray
@@ -10,7 +12,9 @@ from .cable_kernels import PATH_EXISTS, cables_at_pose
 from .dynamics_kernels import required_wrench_at
 from .tension_kernels import EXACT, SINGULAR, bounded_tensions_kernel
 
-SINGULAR_MATRIX = -1  # besides the faults of a cable's path
+# Besides the faults of a cable's path.
+SINGULAR_MATRIX = -1
+BEYOND_RANGE = -2  # of floating-point numbers
 
 
 @kernel
@@ -66,5 +70,7 @@ def feedforward_at_poses(
         status, residuals[n], _ = bounded_tensions_kernel(A, w, t_min, t_max, reference, weights, tensions[n])
         if status == SINGULAR:
             return SINGULAR_MATRIX, 0, n
+        if not residuals[n] < math.inf:
+            return BEYOND_RANGE, 0, n
         feasible[n], statuses[n] = status == EXACT, status
     return PATH_EXISTS, 0, 0

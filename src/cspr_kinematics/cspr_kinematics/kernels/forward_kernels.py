@@ -12,7 +12,7 @@ from .linear_kernels import assign_matrix, assign_vector, fill_matrix, fill_vect
 from .pose_iteration import BEYOND_PULLEY, CONVERGED, improve_pose
 from .pose_search_kernels import ABOVE_FRAME, above_frame, search_pose
 from .rotation_kernels import orthonormalise
-from .slack_kernels import find_slack, fits
+from .slack_kernels import NO_SLACK_FOUND, SLACK_FOUND, find_slack, fits
 
 # Errors of this share of what is accepted at most are taken for noise.
 _NOISE_SHARE = 0.2
@@ -20,6 +20,7 @@ _NOISE_SHARE = 0.2
 # How a problem ended, besides the ways in which an iteration and a search do.
 NO_POSE_FITS = 2
 SLACK_CABLE = 3
+SLACK_UNCERTAIN = 6
 
 
 @kernel
@@ -100,7 +101,7 @@ def forward_at_poses(
         elif not fits(errors[n], weights, deviation, max_residual, float(max_misfit[m])):
             if status == CONVERGED:
                 status = NO_POSE_FITS
-            if find_slack(
+            found = find_slack(
                 geometry,
                 targets[n],
                 weights,
@@ -112,8 +113,9 @@ def forward_at_poses(
                 Q,
                 home,
                 slacks[n],
-            ):
-                status = SLACK_CABLE
+            )
+            if found != NO_SLACK_FOUND:
+                status = SLACK_CABLE if found == SLACK_FOUND else SLACK_UNCERTAIN
         orthonormalise(Q, rotations[n])
         statuses[n] = status
         converged[n] = status == CONVERGED

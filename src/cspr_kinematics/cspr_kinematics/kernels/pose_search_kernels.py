@@ -12,10 +12,10 @@ from .linear_kernels import assign_matrix, assign_vector, fill_matrix, fill_vect
 from .pose_iteration import BEYOND_PULLEY, CONVERGED, improve_pose, length_errors
 
 # A pose that fits this well (root of the mean square, m) ends the search.
-_EXACT_FIT = 1e-7
+EXACT_FIT = 1e-7
 _POSITION_ITERATIONS = 12
 # Square sums of errors within this factor of the least are explained by noise about as well.
-_ABOUT_AS_WELL = 30.0
+ABOUT_AS_WELL = 30.0
 
 # How a search ended, besides the ways in which an iteration does.
 ABOVE_FRAME = 4
@@ -86,7 +86,7 @@ def search_pose(
         assign_vector(positions[s], p)
         assign_matrix(rotations[s], Q)
         best_cost = min(best_cost, cost)
-        if status == CONVERGED and 2.0 * cost <= m * _EXACT_FIT * _EXACT_FIT:
+        if status == CONVERGED and 2.0 * cost <= m * EXACT_FIT * EXACT_FIT:
             exact = s
             break
     if best_cost == math.inf:
@@ -97,7 +97,7 @@ def search_pose(
         return ABOVE_FRAME, total, best_cost
 
     chosen, least_turned = exact, -math.inf
-    acceptable = max(_ABOUT_AS_WELL * best_cost, 0.5 * m * noise * noise)
+    acceptable = max(ABOUT_AS_WELL * best_cost, 0.5 * m * noise * noise)
     for s in range(count):
         if exact < 0 and costs[s] <= acceptable:
             # 1 + 2 cos of the angle from the orientation at home; any minimum that was reached goes before

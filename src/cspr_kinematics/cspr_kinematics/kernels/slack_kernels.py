@@ -10,6 +10,12 @@ from ..arrays import FloatArray
 from ..compiled import kernel
 from .linear_kernels import assign_matrix, assign_vector, fill_vector
 from .pose_iteration import CONVERGED, improve_pose
+from .pose_search_kernels import ABOUT_AS_WELL, EXACT_FIT
+
+# What came of the search for slack cables.
+NO_SLACK_FOUND = 0
+SLACK_FOUND = 1
+SLACK_OF_ONE = 2  # of several cables, and which cannot be told
 
 
 @kernel
@@ -51,21 +57,25 @@ def find_slack(
     rotation: FloatArray,
     home: FloatArray,
     slack: FloatArray,
-) -> bool:
+) -> int:
     """Look for cables without which the others fit; fill in by how much they are slack.
 
     One cable after the other is left out, the one first without which the rest fits best; at least seven are
-    left, because six fit any lengths. Only a cable that is longer than its path can be slack.
+    left, because six fit any lengths. Only a cable that is longer than its path can be slack. Where one cable
+    is left out and the rest fits about as well without another one instead, it may be either: then `slack`
+    has what each of them would be slack by.
     """
     m = geometry.shape[0]
     left = np.empty(m)
     assign_vector(left, weights)
     p, Q, e, J = np.empty(3), np.empty((3, 3)), np.empty(m), np.empty((m, 6))
     best_error = np.empty(m)
+    own_costs, own_slacks = np.empty(m), np.empty(m)
     fill_vector(slack, 0.0)
     count = m
     while count > 7:
         best, best_cost = -1, math.inf
+        fill_vector(own_costs, math.inf)
         for k in range(m):
             if left[k] == 0.0:
                 continue
@@ -80,21 +90,35 @@ def find_slack(
                         for i in range(3):
                             Q[j, i] = home[3 + 3 * j + i]
                 status, _, cost = improve_pose(geometry, target, left, J.shape[1], max_iterations, p, Q, e, J)
-                if status == CONVERGED and cost < best_cost and e[k] < 0.0:
-                    best, best_cost = k, cost
-                    assign_vector(best_error, e)
+                if status == CONVERGED and cost < own_costs[k] and e[k] < 0.0:
+                    if fits(e, left, deviation, max_residual, float(max_misfit[count - 1])):
+                        own_costs[k], own_slacks[k] = cost, -e[k]
+                    if cost < best_cost:
+                        best, best_cost = k, cost
+                        assign_vector(best_error, e)
             left[k] = weights[k]
         if best < 0:
-            return False
+            return NO_SLACK_FOUND
         left[best] = 0.0
         count -= 1
+        if count == m - 1 and own_costs[best] < math.inf:
+            # Noise of known size explains all that fit, noise of unknown size those that fit about as well.
+            known = max_misfit[count] < math.inf
+            limit = max(ABOUT_AS_WELL * best_cost, 0.5 * m * EXACT_FIT * EXACT_FIT)
+            candidates = 0
+            for k in range(m):
+                if own_costs[k] < math.inf and (known or own_costs[k] <= limit):
+                    slack[k] = own_slacks[k]
+                    candidates += 1
+            return SLACK_FOUND if candidates == 1 else SLACK_OF_ONE
         if fits(best_error, left, deviation, max_residual, float(max_misfit[count])):
             longest = True
             for k in range(m):
                 if left[k] == 0.0:
                     slack[k] = -best_error[k]
                     longest = longest and slack[k] > 0.0
-            if not longest:
-                fill_vector(slack, 0.0)
-            return longest
-    return False
+            if longest:
+                return SLACK_FOUND
+            fill_vector(slack, 0.0)
+            return NO_SLACK_FOUND
+    return NO_SLACK_FOUND

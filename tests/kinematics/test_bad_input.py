@@ -1,0 +1,228 @@
+"""Whatever is passed for an array or a number: an error of the package with the data, or a finite result."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cspr_kinematics import (
+    Acceleration,
+    CableReachError,
+    ForwardKinematicsError,
+    InvalidInputError,
+    KinematicsError,
+    Motor,
+    Payload,
+    Pose,
+    PoseSpline,
+    Pulleys,
+    RigidBody,
+    Robot,
+    SingularWrenchMatrixError,
+    Task,
+    TensionBlend,
+    Twist,
+    Winch,
+    assess_task,
+    available_wrenches,
+    bounded_methods,
+    cable_interference,
+    cable_lengths,
+    cable_power,
+    distribute_tensions,
+    explore_workspace,
+    feedforward_tensions,
+    forward_kinematics,
+    home_lengths,
+    inverse_kinematics,
+    largest_acceleration,
+    motion_from_euler,
+    motion_from_quaternion,
+    pose_covariance,
+    solve_forward_kinematics,
+    static_wrench,
+    wrench_power,
+)
+
+HUGE = 10**400
+NO_NUMBERS: list[Any] = [
+    None,
+    "abc",
+    ["1", "2", "3"],
+    b"x",
+    {},
+    object(),
+    [None] * 3,
+    [[1.0, 2.0], [3.0]],
+    HUGE,
+    [HUGE, 0, 0],
+    1j,
+    np.array([1.0 + 2.0j, 0.0, 0.0]),
+    np.datetime64("2024-02-29"),
+    np.ma.masked_array([1.0, 2.0, 3.0], [False, True, False]),
+    np.ma.masked_array([1, 2, 3], [False, True, False]),
+    [math.nan] * 3,
+    [math.inf, 0.0, 0.0],
+]
+ZERO, UNIT = np.zeros(3), np.eye(3)
+REST = Twist.zero(), Acceleration.zero()
+
+
+def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
+    """A function of each argument of the public interface that is an array or a number."""
+    home, spline = robot.home, PoseSpline(np.arange(5.0), Pose(np.zeros((5, 3)), UNIT))
+    cables, w, lengths = inverse_kinematics(robot, home), static_wrench(robot, home), robot.winch.home_lengths
+    A, points = cables.wrench_matrix, (robot.exit_points, robot.anchor_points)
+    body = robot.platform
+    limits = 50.0, 3000.0
+    still = [ZERO] * 3
+    turned = [[0.0, 0.0, 0.0, 1.0], np.zeros(4), np.zeros(4)]
+    return {
+        "Pose.position": lambda x: Pose(x, UNIT),
+        "Pose.rotation": lambda x: Pose(ZERO, x),
+        "Pose.from_euler": lambda x: Pose.from_euler(ZERO, x, 0.0, 0.0),
+        "Pose.from_quaternion": lambda x: Pose.from_quaternion(ZERO, x),
+        "Twist": lambda x: Twist(x, ZERO),
+        "Acceleration": lambda x: Acceleration(ZERO, x),
+        "Payload.mass": lambda x: Payload(x, ZERO),
+        "Payload.center_of_mass": lambda x: Payload(1.0, x),
+        "RigidBody.mass": lambda x: RigidBody(x, ZERO, body.inertia),
+        "RigidBody.inertia": lambda x: RigidBody(1.0, ZERO, x),
+        "RigidBody.from_inertial_parameters": RigidBody.from_inertial_parameters,
+        "Motor": lambda x: Motor(x, 1.0, 1.0, 0.0, 0.0),
+        "Winch": lambda x: Winch(x, 30.0, lengths),
+        "Winch.motor_angle": robot.winch.motor_angle,
+        "Winch.tension": robot.winch.tension,
+        "Pulleys.radius": Pulleys,
+        "Pulleys.swivel_axis": lambda x: Pulleys(0.05, x),
+        "Robot.tension_min": lambda x: dataclasses.replace(robot, tension_min=x),
+        "Robot.workspace_min": lambda x: dataclasses.replace(robot, workspace_min=x),
+        "Robot.with_geometry": lambda x: robot.with_geometry(exit_points=_required(x)),
+        "home_lengths": lambda x: home_lengths(points[0], x, home),
+        "static_wrench": lambda x: static_wrench(robot, home, None, _required(x)),
+        "feedforward.external": lambda x: feedforward_tensions(robot, home, *REST, None, _required(x)),
+        "feedforward.reference": lambda x: feedforward_tensions(robot, home, *REST, reference=_required(x)),
+        "feedforward.weights": lambda x: feedforward_tensions(robot, home, *REST, weights=_required(x)),
+        "feedforward.threads": lambda x: feedforward_tensions(robot, home, *REST, threads=x),
+        "tensions.wrench_matrix": lambda x: distribute_tensions(x, w, *limits),
+        "tensions.wrench": lambda x: distribute_tensions(A, x, *limits),
+        "tensions.t_min": lambda x: distribute_tensions(A, w, x, 3000.0, "closest"),
+        "tensions.t_max": lambda x: distribute_tensions(A, w, 50.0, x, "closest"),
+        "tensions.reference": lambda x: distribute_tensions(A, w, *limits, "closest", reference=x),
+        "tensions.weights": lambda x: distribute_tensions(A, w, *limits, "closest", weights=_required(x)),
+        "tensions.threads": lambda x: distribute_tensions(A, w, *limits, "closest", threads=x),
+        "TensionBlend.slew": lambda x: TensionBlend("closest", slew=x),
+        "TensionBlend.reference": lambda x: TensionBlend("closest", slew=1.0, reference=x),
+        "forward.lengths": lambda x: forward_kinematics(robot, x),
+        "forward.max_residual": lambda x: forward_kinematics(robot, lengths, home, max_residual=x),
+        "forward.max_iterations": lambda x: forward_kinematics(robot, lengths, home, max_iterations=x),
+        "forward.deviation": lambda x: solve_forward_kinematics(
+            robot, lengths, home, length_deviation=_required(x)
+        ),
+        "forward.threads": lambda x: solve_forward_kinematics(robot, lengths, home, threads=x),
+        "pose_covariance": lambda x: pose_covariance(robot, home, x),
+        "Task.payload": lambda x: Task(0.0, x),
+        "Task.acceleration": lambda x: Task(linear_acceleration=x),
+        "assess_task.lever": lambda x: assess_task(robot, home, lever=x),
+        "largest_acceleration": lambda x: largest_acceleration(robot, home, x),
+        "available_wrenches.matrix": lambda x: available_wrenches(x, *limits),
+        "available_wrenches.limit": lambda x: available_wrenches(A, x, 3000.0),
+        "WrenchSet.margin": available_wrenches(A, *limits).margin,
+        "explore_workspace.lower": lambda x: explore_workspace(robot, lower=_required(x), spacing=1.0),
+        "explore_workspace.spacing": lambda x: explore_workspace(robot, spacing=x),
+        "explore_workspace.orientations": lambda x: explore_workspace(robot, spacing=1.0, orientations=x),
+        "interference.box_size": lambda x: cable_interference(robot, home, box_size=_required(x)),
+        "interference.anchor_zone": lambda x: cable_interference(robot, home, anchor_zone=x),
+        "cable_power": lambda x: cable_power(cables, x, REST[0]),
+        "wrench_power": lambda x: wrench_power(x, REST[0]),
+        "motion_from_euler": lambda x: motion_from_euler(x, ZERO, ZERO, *still),
+        "motion_from_quaternion": lambda x: motion_from_quaternion(*still, x, *turned[1:]),
+        "PoseSpline": lambda x: PoseSpline(x, Pose(np.zeros((5, 3)), UNIT)),
+        "PoseSpline call": spline,
+    }
+
+
+def _required(value: Any) -> Any:
+    """For an argument that may be left out, in place of None."""
+    return "left out" if value is None else value
+
+
+def test_what_is_no_number_is_refused(robot: Robot) -> None:
+    for name, call in calls(robot).items():
+        for value in NO_NUMBERS:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                try:
+                    message = f"taken: {call(value)!r}"
+                except KinematicsError as error:
+                    message = str(error)
+            assert not message.startswith("taken"), f"{name} takes {value!r}"
+            assert "\n" not in message, name
+            assert len(message) < 700, name
+
+
+def test_missing_values_are_not_what_stands_under_the_mask(robot: Robot) -> None:
+    whole = np.ma.masked_array([1.0, 2.0, 3.0], [False] * 3)
+    np.testing.assert_array_equal(Twist(whole, ZERO).linear, [1.0, 2.0, 3.0])
+    with pytest.raises(InvalidInputError, match="not finite"):
+        Twist(np.ma.masked_array([1.0, 2.0, 3.0], [False, True, False]), ZERO)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float16, ">f8", np.int64, np.uint8, object])
+def test_other_types_of_numbers_count_as_what_they_are(robot: Robot, dtype: Any) -> None:
+    A = np.asarray(inverse_kinematics(robot, robot.home).wrench_matrix, dtype=dtype)
+    w = np.array([0, 0, 100, 0, 0, 0], dtype=dtype)
+    if np.linalg.matrix_rank(A.astype(float)) == 6:
+        given, double = (distribute_tensions(a, x, 50, 3000) for a, x in ((A, w), (A.astype(float), w * 1.0)))
+        np.testing.assert_array_equal(given.tensions, double.tensions)
+    np.testing.assert_array_equal(Twist(w[:3], w[3:]).linear, [0.0, 0.0, 100.0])
+
+
+@pytest.mark.parametrize("size", [1e150, 1e200, 1e308])
+def test_numbers_too_large_to_reckon_with(any_robot: Robot, size: float) -> None:
+    """Squares and products of what is passed overflow: nothing that is not finite comes back in silence."""
+    robot, home, m = any_robot, any_robot.home, any_robot.number_of_cables
+    A, w = inverse_kinematics(robot, home).wrench_matrix, static_wrench(robot, home)
+    huge = np.full(6, size)
+    fast, strong = Twist(ZERO, huge[:3]), Acceleration(huge[:3], ZERO)
+    attempts: list[Callable[[], tuple[Any, ...]]] = [
+        lambda: feedforward_tensions(robot, home, fast, REST[1])[:5],
+        lambda: feedforward_tensions(robot, home, REST[0], strong)[:5],
+        lambda: feedforward_tensions(robot, home, *REST, external_wrench=huge)[:5],
+        lambda: feedforward_tensions(robot, home, *REST, Payload(size, [0.1, 0.0, 0.0]))[:5],
+        lambda: (inverse_kinematics(robot, Pose(huge[:3], UNIT)).lengths,),
+        lambda: (cable_lengths(robot, Pose(-huge[:3], UNIT)),),
+        lambda: (forward_kinematics(robot, np.full(m, size)).position,),
+    ]
+    for method in ("minimum_norm", *bounded_methods(m)):
+        for wrench, low, high, weights in (
+            (huge, 0.0, 3000.0, np.ones(6)),
+            (w, -size, size, np.ones(6)),
+            (1e4 * w, 0.0, 3000.0, huge),
+        ):
+            attempts.append(
+                lambda method=method, wrench=wrench, low=low, high=high, weights=weights: distribute_tensions(
+                    A, wrench, low, high, method, weights=weights
+                )[:5]
+            )
+    for attempt in attempts:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                result = attempt()
+            except (InvalidInputError, ForwardKinematicsError, SingularWrenchMatrixError):
+                continue
+        assert all(np.isfinite(array).all() for array in result)
+
+
+def test_a_pose_beyond_the_range_of_numbers_names_its_cable(robot_with_pulleys: Robot) -> None:
+    far = Pose([[0.0, 0.0, 1.0], [1e200, 0.0, 1.0]], UNIT)
+    with pytest.raises(CableReachError, match=r"cable 1: its length exceeds .*\[1\]") as caught:
+        inverse_kinematics(robot_with_pulleys, far)
+    assert caught.value.index == (1,)
