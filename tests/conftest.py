@@ -1,6 +1,7 @@
 """A ROS domain of its own for each process of the tests, whatever the shell has set: no robot hears a test."""
 
 import os
+import signal
 import socket
 
 import pytest
@@ -12,7 +13,11 @@ _claim = pytest.StashKey[socket.socket]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Take a domain that no other process of tests on this machine has; it is free again when the process ends."""
+    """Take a domain that no other process of tests on this machine has; it is free again when the process ends.
+
+    Programs that tests start hear SIGINT, also where a shell started the tests in the background and ignores it.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     for domain in DOMAINS:
         try:

@@ -64,7 +64,7 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
     assert slow["max_age"] == {name: pytest.approx(4.0 * age) for name, age in usual["max_age"].items()}
 
 
-def test_a_parameter_reaches_ros_whatever_its_text(private_domain: None) -> None:
+def test_a_parameter_reaches_ros_whatever_its_text() -> None:
     paths = ['runs, [x]: "y"/ö\\n', "5", "# none", "~"]
     context = Context()
     rclpy.init(
