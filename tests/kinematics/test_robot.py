@@ -112,6 +112,7 @@ def test_unknown_key(write: Callable[[str, Any], Path], key: str) -> None:
         ("tension_min", 3000.0, "must be below tension_max"),
         ("tension_min", -1.0, "must not be negative"),
         ("tension_max", float("nan"), "finite"),
+        ("tension_max", 10**400, "finite"),
         ("home.euler", [0.0, 0.0], "2 elements where 3"),
         ("workspace_min", [2.0, -0.7, 0.3], "must be below workspace_max"),
         ("trajectory_center", [0.0, 0.0, 5.0], "outside workspace"),
@@ -139,7 +140,17 @@ def test_home_outside_the_workspace_or_at_an_exit_point(
     assert_refused(write("home.position", touching), "home", "cable 5 has no length", None)
 
 
-@pytest.mark.parametrize("text", ["exit_points: [1, 2", "\t- a", "\x00", "a: b: c"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "exit_points: [1, 2",
+        "\t- a",
+        "\x00",
+        "a: b: c",
+        "name: 2024-02-31",
+        pytest.param("a: " + 4301 * "9", id="too many digits"),
+    ],
+)
 def test_what_is_not_yaml(tmp_path: Path, text: str) -> None:
     path = tmp_path / "broken.yaml"
     path.write_text(text)

@@ -14,6 +14,7 @@ from .arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    ReadOnlyArrays,
     broadcast_batch,
     checked,
     frozen,
@@ -55,7 +56,7 @@ class ForwardKinematicsStatus(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class ForwardKinematicsSolution:
+class ForwardKinematicsSolution(ReadOnlyArrays):
     """Poses found, and how good they are; arrays are read-only.
 
     Attributes

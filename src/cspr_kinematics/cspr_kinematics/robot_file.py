@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,7 +33,7 @@ def read_yaml(path: str | Path) -> object:
             None,
             f"cannot be read ({error.strerror}); give the robot's file with -p robot_config:=PATH",
         ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: dates and numbers that are none, or too long
         raise RobotFileError(source, None, None, f"not a YAML file: {error}") from error
     return content
 
@@ -144,9 +145,13 @@ class Section:
             if isinstance(value, str) and _reads_as_number(value):
                 hint = "; without quotes, and with a point before an exponent: 1.0e-3"
             raise self.error(key, value, f"must be a number{hint}")
-        if not np.isfinite(value):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
             raise self.error(key, value, "must be finite")
-        return float(value)
+        return number
 
 
 def _reads_as_number(text: str) -> bool:
