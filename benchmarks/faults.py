@@ -39,6 +39,8 @@ class Scenario:
         Words that the latched cause contains.
     end
         Ends it, before the operator resets.
+    onset
+        What makes it a fault, where that takes a while from `begin` on; time and height count from then.
     moving, held
         Whether it can happen to a robot that moves, and to one that is held still.
     lasts
@@ -53,6 +55,7 @@ class Scenario:
     begin: Callable[[SteppedGraph], None]
     cause: str
     end: Callable[[SteppedGraph], None] = lambda graph: graph.robot.faults.clear()
+    onset: Callable[[SteppedGraph], bool] = lambda graph: True
     moving: bool = True
     held: bool = True
     lasts: float = 2.0
@@ -121,16 +124,32 @@ def _leave_workspace(graph: SteppedGraph) -> None:
     graph.start(PointToPoint(graph.model.home, outside, quick))
 
 
+def _hurry(graph: SteppedGraph) -> None:
+    here = graph.player.held_pose
+    assert here is not None
+    across = np.array([math.copysign(1.0, -here.position[0] - 1e-9), here.position[1], here.position[2]])
+    quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
+    graph.start(PointToPoint(here, Pose(across, here.rotation), quick))
+
+
+def _lift_what_is_caught(graph: SteppedGraph) -> None:
+    graph.robot.faults.inject(FaultOrder(InjectedFault.PLATFORM_CAUGHT))
+    here = graph.player.held_pose
+    assert here is not None
+    slow = MotionLimits(speed=0.05, acceleration=0.3, angular_speed=0.2, angular_acceleration=0.4)
+    graph.start(PointToPoint(here, Pose(here.position + np.array([0.0, 0.0, 0.3]), here.rotation), slow))
+
+
 def _wind_back(graph: SteppedGraph) -> None:
-    """Turn a drum back to where it was, slowly and by hand, with the brake of that motor lifted."""
+    """Turn a drum by hand, slowly and with its brake lifted, until the lengths of all cables fit a pose."""
     graph.robot.faults.clear()
     _heal_controllers(graph)
     robot, plant = graph.robot, graph.robot.plant
+    robot.wait_until(lambda: not robot.drives.snapshot().not_configured, "drives are not configured")
     plant.set_brake(_PLACE, closed=False)
     end = robot.now + _WINDING
-    # The platform has moved since: the cable may be taut before its drum is where it was.
-    while robot.now < end and abs(error := graph.angles[_PLACE] - plant.motor_angles()[_PLACE]) > 0.05:
-        hand = max(-2.5, min(2.5, 4.0 * error)) - 1.2
+    while robot.now < end and abs(error := graph.supervisor.checks.following_errors()[_PLACE]) > 0.1:
+        hand = max(-2.5, min(2.5, 10.0 * error)) - 1.2
         plant.set_torque(_PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[_PLACE])
         robot.wait(0.002)
     plant.set_brake(_PLACE, closed=True)
@@ -154,7 +173,14 @@ SCENARIOS = (
         lambda graph: graph.robot.wait_until(lambda: graph.robot.driver_runs, "the driver hangs"),
         lasts=3.0,
     ),
-    Scenario("driver told to end", lambda graph: graph.robot.drives.disable(), "by themselves"),
+    Scenario(
+        "driver killed",
+        lambda graph: graph.robot.kill_driver(),
+        "stale topic",
+        lambda graph: graph.robot.restart_driver(),
+        lasts=3.0,
+    ),
+    Scenario("driver ended, Ctrl-C or SIGTERM", lambda graph: graph.robot.drives.disable(), "by themselves"),
     Scenario("drive silent", _inject(InjectedFault.DRIVE_SILENT), "motor_3"),
     Scenario("drive without feedback", _inject(InjectedFault.DRIVE_NO_FEEDBACK), "motor_3"),
     Scenario("drive without heartbeat", _inject(InjectedFault.DRIVE_NO_HEARTBEAT), "motor_3"),
@@ -165,13 +191,19 @@ SCENARIOS = (
     Scenario(
         "drive runs away",
         _inject(InjectedFault.DRIVE_RUNAWAY),
-        "motor_3",
+        "motor_3 applies",
         _wind_back,
         harms_tension=True,
         rest=2.0,
     ),
     Scenario(
-        "winch blocked", _inject(InjectedFault.WINCH_BLOCKED), "_3", held=False, harms_tension=True, rest=2.0
+        "winch blocked",
+        _inject(InjectedFault.WINCH_BLOCKED),
+        "motor_3",
+        _wind_back,
+        held=False,
+        harms_tension=True,
+        rest=2.0,
     ),
     Scenario(
         "controller without torque",
@@ -181,29 +213,58 @@ SCENARIOS = (
         harms_tension=True,
         rest=2.0,
     ),
-    Scenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "/cable_tensions"),
-    Scenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "/cable_tensions"),
+    Scenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "cable_3"),
+    Scenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "cable_3"),
     Scenario("load cell stuck", _inject(InjectedFault.LOAD_CELL_STUCK), "cable_3", lasts=4.0),
     Scenario("load cell drifts", _inject(InjectedFault.LOAD_CELL_DRIFTING), "cable_3", lasts=8.0),
     Scenario("slack cable", _inject(InjectedFault.CABLE_SLACK), "cable", harms_tension=True, rest=2.0),
     Scenario(
         "drive pulls",
         _inject(InjectedFault.DRIVE_PULLING),
-        "motor_3",
+        "motor_3 applies",
         _wind_back,
         harms_tension=True,
         rest=2.0,
     ),
-    Scenario("workspace left", _leave_workspace, "workspace", moving=False, lasts=6.0),
+    Scenario(
+        "overloaded cable",
+        _lift_what_is_caught,
+        "tension above its limit",
+        onset=lambda graph: bool(graph.robot.plant.tensions().max() > graph.model.tension_max),
+        moving=False,
+        lasts=6.0,
+        rest=2.0,
+    ),
+    Scenario(
+        "overspeed",
+        _hurry,
+        "overspeed",
+        onset=lambda graph: bool(
+            np.abs(graph.robot.plant.motor_speeds()).max() > graph.model.motor.speed_limit
+        ),
+        moving=False,
+        lasts=6.0,
+    ),
+    Scenario(
+        "workspace left",
+        _leave_workspace,
+        "workspace",
+        onset=lambda graph: bool(graph.robot.plant.platform_position()[1] > graph.model.workspace_max[1]),
+        moving=False,
+        lasts=12.0,
+    ),
     Scenario("emergency stop", _inject(InjectedFault.EMERGENCY_STOP), "emergency stop"),
     Scenario(
         "operator's quick stop",
         lambda graph: graph.robot.drives.quick_stop("quick stop commanded"),
         "quick stop commanded",
     ),
-    Scenario("bus cut", _inject(InjectedFault.BUS_CUT, "main"), "motor_"),
-    Scenario("bus full of a babbling node's frames", _inject(InjectedFault.BUS_BABBLING, "main"), "motor_"),
-    Scenario("error frames", _inject(InjectedFault.BUS_ERROR_FRAMES, "main"), "motor_"),
+    Scenario("bus cut", _inject(InjectedFault.BUS_CUT, "main"), "all drives: silent"),
+    Scenario("bus-off", _inject(InjectedFault.BUS_OFF, "main"), "bus main: bus-off"),
+    Scenario("interface down", _inject(InjectedFault.BUS_DOWN, "main"), "bus main: Network is down"),
+    Scenario("interface removed", _inject(InjectedFault.BUS_REMOVED, "main"), "bus main: No such device"),
+    Scenario("bus full of a babbling node's frames", _inject(InjectedFault.BUS_BABBLING, "main"), "silent"),
+    Scenario("error frames", _inject(InjectedFault.BUS_ERROR_FRAMES, "main"), "silent"),
     Scenario(
         "recorder's disk full",
         lambda graph: graph.supervisor.observe_recording("no space left on device"),
@@ -230,8 +291,12 @@ def run(graph: SteppedGraph, scenario: Scenario, moving: bool = False) -> Outcom
     heights, tensions = [], []
     states: list[RobotState] = []
     closed_at: list[float] = []
+    onset: list[float] = []
 
     def look() -> None:
+        if not onset and scenario.onset(graph):
+            onset.append(robot.now)
+            heights.clear()
         heights.append(plant.platform_position()[2])
         states.append(graph.state)
         if not closed_at:
@@ -239,10 +304,9 @@ def run(graph: SteppedGraph, scenario: Scenario, moving: bool = False) -> Outcom
             if not any(device.automaton.brake_open for device in robot.devices):
                 closed_at.append(robot.now)
 
-    graph.angles = plant.motor_angles()
     begin = robot.now
-    height = plant.platform_position()[2]
     robot.on_tick = look
+    look()
     scenario.begin(graph)
     while not (closed_at and graph.state is RobotState.FAULT):
         robot.wait(0.01)
@@ -250,7 +314,8 @@ def run(graph: SteppedGraph, scenario: Scenario, moving: bool = False) -> Outcom
     robot.wait(_SETTLING)
     robot.on_tick = lambda: None
     _require_held(graph, scenario)
-    duration, drop = closed_at[0] - begin, height - min(heights)
+    _require(bool(onset), "it has not happened", graph)
+    duration, drop = closed_at[0] - onset[0], heights[0] - min(heights)
     _require(drop <= LARGEST_DROP, f"{1e3 * drop:.1f} mm of height lost", graph)
     cause = graph.cause
     scenario.end(graph)

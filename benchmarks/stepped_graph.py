@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from cspr_control.trajectory import Trajectory
 from cspr_control.trajectory_player import TrajectoryPlayer
 from cspr_drivers.can_config import CanConfig
 from cspr_drivers.drive_report import MotorStates
+from cspr_drivers.load_cell_master import in_words
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload, Robot
 
@@ -60,6 +62,10 @@ class SteppedGraph:
     ----------
     payload
         What the platform carries, kg.
+    can_config
+        File in `config/` that describes buses and devices.
+    conversion_time
+        Time from SYNC to the answer of an amplifier, s; by default that of `simulation.yaml`.
 
     Attributes
     ----------
@@ -69,22 +75,24 @@ class SteppedGraph:
         Those of the nodes.
     dead_controllers
         Motors, from 0, whose controllers have been killed.
-    angles
-        Those of the motors when a fault began (m,), rad, for whoever repairs it.
     torque
         Changes the torque that a controller commands; by motor from 0.
     """
 
-    def __init__(self, payload: float = 200.0) -> None:
+    def __init__(
+        self, payload: float = 200.0, can_config: str = "can.yaml", conversion_time: float | None = None
+    ) -> None:
         self.model = model = Robot.from_yaml(CONFIG / "robot.yaml")
         simulation = SimulationConfig.from_yaml(CONFIG / "simulation.yaml")
         simulation = simulation.with_payload(Payload(payload, np.zeros(3)))
-        self.robot = SteppedRobot(CanConfig.from_yaml(CONFIG / "can.yaml"), simulation, CONFIG / "eds")
+        if conversion_time is not None:
+            cells = dataclasses.replace(simulation.load_cells, conversion_time=conversion_time)
+            simulation = dataclasses.replace(simulation, load_cells=cells)
+        self.robot = SteppedRobot(CanConfig.from_yaml(CONFIG / can_config), simulation, CONFIG / "eds")
         m = model.number_of_cables
         self.supervisor = Supervisor(m, supervision_limits(model))
         self.player = TrajectoryPlayer(LIMITS)
         self.dead_controllers: set[int] = set()
-        self.angles = np.zeros(m)
         self.torque: dict[int, Callable[[float], float]] = {}
         self._feedforward = Feedforward(model, FeedforwardSettings())
         self._controllers = [MotorController(model.motor, GAINS, setpoint_timeout=0.1) for _ in range(m)]
@@ -188,6 +196,7 @@ class SteppedGraph:
         if self.robot.driver_runs:
             state, cause, _ = self.robot.drives.states()
             self.supervisor.observe_drives(self.robot.now, DriverState(state.value), cause)
+            self.supervisor.observe_load_cells(in_words(self.robot.load_cells.problems(self.robot.now)))
         self._act()
 
     def _act(self) -> None:

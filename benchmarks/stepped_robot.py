@@ -26,7 +26,7 @@ from cspr_drivers.drive_master import DriveMaster
 from cspr_drivers.drive_report import MotorStates
 from cspr_drivers.frame_table import SYNC_COB_ID
 from cspr_drivers.load_cell_master import LoadCellMaster
-from cspr_drivers.simulation.bus_timing import BusTiming
+from cspr_drivers.simulation.bus_timing import DRIVER, BusTiming
 from cspr_drivers.simulation.drive_emulator import DriveEmulator
 from cspr_drivers.simulation.fault_injection import FaultInjector
 from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
@@ -35,7 +35,6 @@ from cspr_drivers.simulation.shared_plant import SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 
 TICK = 0.002  # s between two looks of a device at its time-outs and its brake
-_DRIVER = "driver"
 _BEGIN = 1000.0  # s, monotonic time at which the simulation begins
 _SYSTEM = 1.7e9  # s, system time less monotonic time
 _PATIENCE = 30.0  # s of real time for the devices to be configured
@@ -94,9 +93,11 @@ class _End(can.BusABC):  # type: ignore[misc]
         super().__init__(channel=None)
         self._send = send
         self._closed = threading.Event()
+        self.dead = False  # frames of a process that was killed are those that it has sent before
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self._send(msg)
+        if not self.dead:
+            self._send(msg)
 
     def _recv_internal(self, timeout: float | None) -> tuple[None, bool]:
         self._closed.wait(timeout)
@@ -186,9 +187,7 @@ class SteppedRobot:
         self._lock = threading.Lock()  # over frames and events; the thread that configures devices sends too
         self._buses = {bus.name: BusTiming(bus.bitrate) for bus in can_config.buses}
         self._networks: dict[str, canopen.Network] = {}
-        ports = []
         for bus in can_config.buses:
-            ports.append(CanPort(bus.name, _End(self._sender(bus.name, _DRIVER))))
             network = canopen.Network(_DevicesEnd(self._sender(bus.name, "devices")))
             self._networks[bus.name] = network
             for config, node in zip(
@@ -198,8 +197,6 @@ class SteppedRobot:
             ):
                 if config.bus == bus.name:
                     network.add_node(node)
-        self.ports = CanPorts(ports)
-        self._port = {port.name: port for port in ports}
         self.faults = FaultInjector(self.devices, self.amplifiers, self.machine, self._buses)
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._count = 0
@@ -212,15 +209,7 @@ class SteppedRobot:
             node.power_on()
         for bus in self._buses.values():
             bus.passed(self.now + 1.0)  # the devices booted before the driver came
-        self.drives = DriveMaster(
-            can_config, self.ports, lambda states: self.on_states(states), self.log.append
-        )
-        self.load_cells = LoadCellMaster(
-            can_config,
-            self.ports,
-            lambda *tensions: self.on_tensions(*tensions),
-            self.log.append,
-        )
+        self._make_driver()
         self.at(self.now, self._cycle)
         self.at(self.now, self._tick)
 
@@ -228,6 +217,40 @@ class SteppedRobot:
     def now(self) -> float:
         """Simulated time, s, on the monotonic clock."""
         return self.clock.time
+
+    def _make_driver(self) -> None:
+        """Open the driver's ends of the buses, and make the two masters."""
+        self._ends = [_End(self._sender(bus.name, DRIVER)) for bus in self.config.buses]
+        ports = [CanPort(bus.name, end) for bus, end in zip(self.config.buses, self._ends, strict=True)]
+        self.ports = CanPorts(ports)
+        self._port = {port.name: port for port in ports}
+        self.drives = DriveMaster(
+            self.config, self.ports, lambda states: self.on_states(states), self.log.append
+        )
+        self.load_cells = LoadCellMaster(
+            self.config,
+            self.ports,
+            lambda *tensions: self.on_tensions(*tensions),
+            self.log.append,
+        )
+
+    def kill_driver(self) -> None:
+        """Let the driver end from one moment to the next, as by SIGKILL: it sends nothing more."""
+        self.driver_runs = False
+        for end in self._ends:
+            end.dead = True
+        self._end_threads()
+
+    def restart_driver(self) -> None:
+        """Start another driver in place of the one that was killed."""
+        self._make_driver()
+        self.driver_runs = True
+        self.start()
+
+    def _end_threads(self) -> None:
+        self.drives._commissioning.stop()
+        self.load_cells._commissioning.stop()
+        self.ports.close()
 
     def start(self) -> None:
         """Start both masters and let them configure all devices."""
@@ -241,9 +264,7 @@ class SteppedRobot:
     def close(self) -> None:
         """Let the threads of both masters end, and the machine have the computer's clock again."""
         self.faults.clear()
-        self.drives._commissioning.stop()
-        self.load_cells._commissioning.stop()
-        self.ports.close()
+        self._end_threads()
         self._patches.close()
 
     def at(self, time: float, action: Callable[[], None]) -> None:
@@ -302,7 +323,7 @@ class SteppedRobot:
 
     def _deliver(self, bus: str, sender: object, frame: can.Message) -> None:
         frame.timestamp = self.clock.system()
-        if sender != _DRIVER:
+        if sender != DRIVER:
             if self.driver_runs:
                 self._port[bus].receive(frame)
             return

@@ -58,7 +58,8 @@ def draw_loop_figures(results: LoopResults, directory: Path) -> None:
                     name: (record.time, np.degrees(record.position_error[:, SHOWN_MOTOR - 1]))
                     for name, record in records.items()
                 }
-            changes = (SWITCH_19,) if trajectory is TrajectoryName.PAPER_19 else ()
+            marked = {SWITCH_19: "switch"} if trajectory is TrajectoryName.PAPER_19 else {}
+            changes = dict.fromkeys(traces, marked)
             _save(motor_error_over_time_figure(traces, SHOWN_MOTOR, changes), directory, 12, suffix)
 
 

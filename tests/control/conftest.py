@@ -1,4 +1,3 @@
-import os
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +8,6 @@ from cspr_control.trajectory_catalogue import TrajectoryOptions
 from cspr_kinematics import Pose, Robot
 
 ROBOT_FILE = Path(__file__).parents[2] / "config" / "robot.yaml"
-
-
-@pytest.fixture(scope="session")
-def private_domain():
-    """Keep the tests on this machine and away from any other graph on it."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 45))
 
 
 @pytest.fixture(scope="session")

@@ -64,6 +64,7 @@ def test_a_dead_child_is_named_with_its_last_words(modules: Path, tmp_path: Path
     with ChildProcesses(tmp_path / "log") as children:
         children.start("the_node", "dying")
         children._children["the_node"].wait(timeout=20.0)
+        children.check(["another"])
         with pytest.raises(ChildDiedError, match=r"the_node ended with exit status 3") as error:
             children.check()
     assert "so long" in str(error.value)

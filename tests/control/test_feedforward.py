@@ -210,6 +210,8 @@ def test_the_first_estimate_and_one_after_a_gap_are_bridged(robot):
         (301.0, [0.0, 0.0, 0.0], "max_payload"),
         (1.0, [0.0, math.nan, 0.0], "centre of mass"),
         (1.0, [0.0, 0.0], "centre of mass"),
+        (1.0, [20.0, 0.0, 0.0], "no coordinate may exceed 10 m"),
+        (1.0, [0.0, -1e308, 0.0], "no coordinate may exceed 10 m"),
     ],
 )
 def test_a_payload_that_cannot_be_is_refused(robot, mass, center, complaint):

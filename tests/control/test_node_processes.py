@@ -11,8 +11,6 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PATIENCE = 30.0
 
-pytestmark = pytest.mark.usefixtures("private_domain")
-
 
 def start(executable, *parameters):
     command = f"import sys; from cspr_control.nodes.{executable} import main; sys.exit(main())"

@@ -56,7 +56,7 @@ CABLES = JointStateCodec(topics.cable_names(COUNT), position=False, velocity=Fal
 REFERENCE = ReferenceCodec()
 STAMP = 1_700_000_000_000_000_000
 CYCLE = 4_000_000
-PATIENCE = 5.0
+PATIENCE = 30.0
 ZERO = np.zeros(COUNT)
 
 
@@ -127,7 +127,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench(robot_file, private_domain):
+def bench(robot_file):
     context = Context()
     rclpy.init(args=[], context=context)
     bench = Bench(context, robot_file)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rclpy.serialization import serialize_message
+from rosbags.typesys import get_types_from_msg
 
 from cspr_control.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings
 from cspr_control.nodes import rerun
@@ -337,4 +338,8 @@ def test_a_configuration_that_differs_from_the_files_here_is_mentioned(graph, tm
 
 @pytest.mark.parametrize("type_name", DEFINITIONS)
 def test_definitions_are_those_of_the_message_packages(type_name):
-    assert DEFINITIONS[type_name] == message_definition(type_name)
+    ours, theirs = (
+        {name: fields for name, (_, fields) in get_types_from_msg(text, type_name).items()}
+        for text in (DEFINITIONS[type_name], message_definition(type_name))
+    )
+    assert ours == theirs

@@ -25,7 +25,7 @@ POSE = Pose.from_euler([0.1, 0.2, 1.1], 0.1, 0.0, 0.0)
 
 
 @pytest.fixture
-def graph(robot_file, private_domain):
+def graph(robot_file):
     context = Context()
     rclpy.init(args=[], context=context)
     executor = EventsExecutor(context=context)

@@ -19,6 +19,7 @@ LIMITS = SupervisionLimits(
     tension_min_time=0.3,
     tension_max=3000.0,
     tension_max_time=0.1,
+    starting_error=1.0,
     enable_timeout=1.0,
     motor_speed=450.0,
     motor_speed_time=0.05,
@@ -383,6 +384,20 @@ def test_a_load_cell_that_its_driver_finds_faulty_stops_the_robot_along_its_path
     rig.enabled()
     rig.supervisor.observe_load_cells("cable_3: silent")
     rig.assert_controlled_stop(rig.step(), FaultKind.LOAD_CELL, "cable_3: silent")
+
+
+def test_a_fault_that_ends_a_stop_along_the_path_is_named_after_the_first(rig):
+    """On a dead bus the load cells may be missed a moment before the drives are."""
+    rig.enabled()
+    rig.supervisor.observe_load_cells("cable_1, cable_2: silent")
+    rig.step()
+    assert rig.supervisor.state is RobotState.STOPPING
+    rig.drives, rig.cause = DriverState.FAULT, "all drives: silent for 104 ms"
+    assert Action.QUICK_STOP in rig.step()
+    assert rig.supervisor.state is RobotState.FAULT
+    assert str(rig.supervisor.fault) == (
+        "load cell not plausible: cable_1, cable_2: silent; then drive fault: all drives: silent for 104 ms"
+    )
 
 
 def test_a_faulty_load_cell_keeps_the_robot_from_being_enabled(rig):

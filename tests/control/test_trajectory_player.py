@@ -140,19 +140,25 @@ def test_time_that_goes_back_does_not_move_the_reference_back(player, robot):
     np.testing.assert_array_equal(later.pose.position, again.pose.position)
 
 
-@pytest.mark.parametrize("gap", [SECOND, -SECOND])
-def test_motion_ends_where_it_was_when_time_jumps(robot, limits, gap):
+@pytest.mark.parametrize(
+    ("gap", "interruption"),
+    [(SECOND, "no motor states came for 1.000 s"), (-SECOND, "the clock went back by 1.000 s")],
+)
+def test_motion_ends_where_it_was_when_time_jumps(robot, limits, gap, interruption):
     player = TrajectoryPlayer(limits, dwell=0.0)
     player.hold(robot.home)
     player.sample(BEGIN)
     player.start(paper_19(robot.trajectory_center))
     points, last = run(player, BEGIN, BEGIN + 2 * SECOND)
+    assert player.interruption == ""
     after = player.sample(last + gap)
     assert player.phase is TrajectoryPhase.HOLD
+    assert interruption in player.interruption
     np.testing.assert_array_equal(after.pose.position, points[-1].pose.position)
     np.testing.assert_array_equal(after.twist.linear, np.zeros(3))
     player.start(paper_19(robot.trajectory_center))
     assert 0 < player.start_time - (last + gap) < 20 * SECOND
+    assert player.interruption == ""
 
 
 def test_start_before_the_first_sample_is_refused(robot, limits):

@@ -215,3 +215,26 @@ def test_bus_off_is_a_failure_of_the_bus(full_port):
     assert failures == []
     full_port.receive(can.Message(arbitration_id=0x040, is_error_frame=True, data=bytes(8)))
     assert failures == ["bus-off: the controller has left the bus after too many errors"]
+
+
+class DeadBus(FullBus):
+    """A bus whose interface takes no frames at all."""
+
+    def send(self, message, timeout=None):
+        if self.full:
+            raise can.CanOperationError("Network is down", errno.ENETDOWN)
+        super().send(message, timeout)
+
+
+def test_an_interface_that_takes_no_frames_is_a_failure_until_it_takes_one():
+    port = CanPort("main", DeadBus(full=1))
+    try:
+        begin = time.monotonic()
+        assert not port.send(can.Message(arbitration_id=0x201), deadline=begin + 60.0)
+        assert time.monotonic() - begin < 30.0  # it is not tried again
+        assert port.failure.startswith("Network is down")
+        port._bus.full = 0
+        assert port.send(can.Message(arbitration_id=0x201))
+        assert port.failure == ""
+    finally:
+        port.close()

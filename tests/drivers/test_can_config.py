@@ -34,6 +34,7 @@ def change(mapping, path, value):
     [
         (["rate"], 0.0, "can.yaml: rate = 0.0: must be greater than 0"),
         (["rate"], float("nan"), "can.yaml: rate = nan: must be a finite number"),
+        pytest.param(["rate"], 10**400, "0: must be a finite number", id="rate-10^400"),
         (["rate"], True, "can.yaml: rate = True: must be a finite number"),
         (["speed"], 1.0, "can.yaml: speed = 1.0: unknown key; known here: brake_open_bit, bus_load_limit"),
         (["bus_load_limit"], 1.5, "can.yaml: bus_load_limit = 1.5: must be at most 1"),
@@ -149,9 +150,14 @@ def test_a_missing_file_is_named(tmp_path):
         CanConfig.from_yaml(tmp_path / "nothing.yaml")
 
 
-def test_a_file_that_is_no_yaml_is_named(tmp_path):
+@pytest.mark.parametrize(
+    "text",
+    ["rate: [1, 2\n", "rate: 2001-99-99", "rate: 250.0\nrate: 500.0", "[" * 1000],
+    ids=lambda text: text[:12],
+)
+def test_a_file_that_is_no_yaml_is_named(tmp_path, text):
     path = tmp_path / "broken.yaml"
-    path.write_text("rate: [1, 2\n")
+    path.write_text(text)
     with pytest.raises(ConfigurationError, match=r"broken\.yaml: is not valid YAML: "):
         CanConfig.from_yaml(path)
 

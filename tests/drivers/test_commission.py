@@ -449,6 +449,32 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
     assert rig.brakes_open() == 0
 
 
+def test_a_person_at_the_terminal_is_asked_again_and_may_leave_at_any_time(rig, content, monkeypatch, capsys):
+    file = FindingsFile(rig.path.with_name("can.yaml.commissioning"))
+    file.save(known(swapped(content)))
+    arguments = ["--config", str(rig.path), "--robot", str(ROOT / "config" / "robot.yaml")]
+    prompts, typed = [], []
+
+    def answer(prompt):
+        prompts.append(prompt)
+        if not typed:
+            raise EOFError
+        return typed.pop(0)
+
+    monkeypatch.setattr("builtins.input", answer)
+    typed += ["maybe", ""]  # go on with what is known? an empty line is yes; then the terminal is closed
+    assert main(arguments) == 1
+    said = capsys.readouterr()
+    assert "'maybe': answer yes or no" in said.out
+    assert said.err.startswith("commission: no answer to: Bring the platform into its home pose")
+    assert len(file.load().winches) == M
+    typed += ["y", "y", "y"]  # go on, home pose, write
+    assert main(arguments) == 0
+    assert prompts[-1].strip() == "Write it? [yes]"
+    assert CanConfig.from_yaml(rig.path).drives[0].node_id == 3
+    assert rig.brakes_open() == 0
+
+
 def test_help_teaches(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["--help"])

@@ -1,6 +1,7 @@
 import dataclasses
 import errno
 import math
+import struct
 import time
 from pathlib import Path
 
@@ -451,6 +452,13 @@ def test_a_drive_that_leaves_nmt_operational_is_a_fault_in_motion(enabled, far_e
             "no torque command within",
         )
     )
+
+
+def test_a_drive_that_applies_another_torque_stops_all(enabled, far_end, wait_until):
+    drive = far_end.drives[2]
+    drive.tpdo = lambda: struct.pack("<Hih", drive.status, drive.counts, 2000)  # thousandths of 5 N m
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause == "motor_3 applies 10.00 N m instead of 1.00 N m"
 
 
 def test_the_torque_is_there_before_the_brake_opens(rig, far_end, wait_until):

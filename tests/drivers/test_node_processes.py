@@ -15,11 +15,10 @@ PATIENCE = 30.0
 
 def start(executable, can_config):
     command = f"import sys; from cspr_drivers.nodes.{executable} import main; sys.exit(main())"
-    isolated = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(40 + os.getpid() % 60)}
     return subprocess.Popen(
         [sys.executable, "-c", command, "--ros-args", "-p", f"can_config:={can_config}"],
         cwd=ROOT,
-        env=os.environ | isolated | {"PYTHONUNBUFFERED": "1"},
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
         stderr=subprocess.PIPE,
         text=True,
     )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import sys
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +25,20 @@ CONVERSION_MODULES = {
     "message_definitions.py",
     "qos.py",
     "reference_conversion.py",
+}
+ROSDEP_KEYS = {  # of what does not come from ROS itself: module, and the dependency that brings it
+    "can": "python3-can",
+    "canopen": "canopen-pip",
+    "lz4": "mcap-ros2-support",
+    "matplotlib": "python3-matplotlib",
+    "mcap": "mcap-ros2-support",
+    "mcap_ros2": "mcap-ros2-support",
+    "mujoco": "python3-mujoco-pip",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "scipy": "python3-scipy",
+    "yaml": "python3-yaml",
+    "zstandard": "mcap-ros2-support",
 }
 FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc"}
 
@@ -60,6 +76,26 @@ def test_imports(path: Path) -> None:
     if inside[0] != "simulation":
         assert "mujoco" not in names, "MuJoCo is needed for the simulation alone"
     assert not FORBIDDEN_NAMES & {part.removesuffix(".py") for part in inside}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_dependencies_are_declared(package: str) -> None:
+    """What rosdep installs for a package is what its modules import: no less, and nothing that nobody needs."""
+    manifest = ET.parse(SOURCE / package / "package.xml").getroot()
+    declared = {
+        element.text for kind in ("exec_depend", "test_depend") for element in manifest.findall(kind)
+    } - {"python3-pytest"}
+    names = {name for path in MODULES if path.is_relative_to(SOURCE / package) for name in imported(path)}
+    imports = {ROSDEP_KEYS.get(name, name) for name in names - {package, *sys.stdlib_module_names}}
+    by_name = {kind.split("/")[0] for kind in topic_types()}  # subscribed to, recorded and replayed by name
+    needed = imports | by_name if package == "cspr_msgs_py" else imports
+    assert needed <= declared <= needed | by_name
+
+
+def topic_types() -> set[str]:
+    from cspr_msgs_py import topics
+
+    return {value.type for value in vars(topics).values() if isinstance(value, topics.Topic)}
 
 
 def test_there_is_something_to_check() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cspr_control.supervision_checks import FaultKind
+from cspr_control.trajectory_catalogue import TrajectoryName
 from cspr_drivers.command_check import CommandFault
 from cspr_drivers.timeouts import Timeouts
 
@@ -29,6 +30,11 @@ def rows(title):
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
 
 
+def test_every_trajectory_is_described():
+    described = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in rows("Trajectories")))
+    assert described == [name.value for name in TrajectoryName]
+
+
 def test_every_fault_of_the_robot_has_meaning_and_remedy():
     table = {row[0]: row for row in rows("Faults of the robot, on `/robot_state`")}
     for kind in FaultKind:
@@ -42,6 +48,9 @@ def test_every_cause_has_meaning_and_remedy():
         assert fault.value in section("Causes from `can_drives`")
 
 
+TELLING = ("_trouble", "_restless", "answered")  # functions that return what is wrong, in words
+
+
 def causes(path):
     """Return the constant words of every text that a module latches, loses a drive for, or gives as its trouble."""
     for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -52,7 +61,7 @@ def causes(path):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 if node.func.attr in ("_latch", "_lose", "quick_stop", "_refuse"):
                     texts = node.args
-            elif isinstance(node, ast.Return) and function.name in ("_trouble", "_restless") and node.value:
+            elif isinstance(node, ast.Return) and function.name in TELLING and node.value:
                 texts = [node.value]
             for text in texts:
                 for part in ast.walk(text):
@@ -60,7 +69,7 @@ def causes(path):
                         yield part.value.strip(" ;:,")
 
 
-@pytest.mark.parametrize("module", ["drive_group.py", "drive_master.py"])
+@pytest.mark.parametrize("module", ["drive_group.py", "drive_master.py", "torque_watch.py"])
 def test_causes_in_the_program_are_in_the_document(module):
     table = " ".join(row[0] for row in rows("Causes from `can_drives`"))
     found = {words for words in causes(DRIVERS / module) if len(words) > 6 and " " in words}
@@ -71,9 +80,10 @@ def test_causes_in_the_program_are_in_the_document(module):
 
 
 def published_values():
-    """Return the keys of the values that the drivers' nodes publish, as their module writes them."""
-    tree = ast.parse((DRIVERS / "nodes" / "driver_messages.py").read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
+    """Return the keys of the values that the drivers' nodes publish, as their modules write them."""
+    modules = ("driver_messages.py", "simulated_robot.py")
+    trees = [ast.parse((DRIVERS / "nodes" / name).read_text(encoding="utf-8")) for name in modules]
+    for node in (node for tree in trees for node in ast.walk(tree)):
         if isinstance(node, ast.Dict):
             for key in node.keys:
                 if isinstance(key, ast.Constant) and isinstance(key.value, str):

@@ -1,6 +1,5 @@
-"""Fixtures for the message tests: a private corner of the middleware, and bags with known content."""
+"""Fixtures for the message tests: the middleware, and bags with known content."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,15 +17,8 @@ from cspr_msgs_py.reference import VECTORS, ReferenceCodec, ReferenceSample
 from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, REFERENCE, Topic, motor_names
 
 
-@pytest.fixture(scope="session", autouse=True)
-def private_domain() -> None:
-    """Keep the tests on this machine and away from any other graph on it."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 60))
-
-
 @pytest.fixture
-def context(private_domain: None) -> Iterator[Context]:
+def context() -> Iterator[Context]:
     context = Context()
     rclpy.init(args=[], context=context)
     yield context

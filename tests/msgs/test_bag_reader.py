@@ -138,8 +138,13 @@ class TestNoBag:
             Bag(tmp_path / "none")
 
     def test_a_directory_without_a_bag(self, tmp_path: Path) -> None:
-        with pytest.raises(BagError, match=r"neither metadata.yaml nor an .mcap file"):
+        with pytest.raises(BagError, match=r"neither metadata.yaml nor an .mcap file$"):
             Bag(tmp_path)
+
+    def test_the_directory_around_a_bag(self, recording) -> None:
+        bag = recording.write()
+        with pytest.raises(BagError, match=f"perhaps {bag} is meant"):
+            Bag(bag.parent)
 
     def test_an_empty_file(self, tmp_path: Path) -> None:
         (tmp_path / "x.mcap").touch()
@@ -154,6 +159,9 @@ class TestNoBag:
     def test_metadata_of_something_else(self, tmp_path: Path) -> None:
         (tmp_path / "metadata.yaml").write_text("[1, 2]")
         with pytest.raises(BagError, match=r"metadata.yaml is not the metadata of a bag"):
+            Bag(tmp_path)
+        (tmp_path / "metadata.yaml").write_text("name: other")
+        with pytest.raises(BagError, match=r"metadata.yaml is .*: it lacks 'rosbag2_bagfile_information'"):
             Bag(tmp_path)
 
     def test_a_file_that_the_metadata_names_is_gone(self, recording) -> None:

@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -263,22 +264,40 @@ class TestFullDisk:
         with Reader(directory) as reader:
             assert reader.message_count == written
 
-    def test_a_file_system_without_space(self, tmp_path: Path) -> None:
+    @pytest.fixture
+    def small(self, tmp_path: Path) -> Iterator[Callable[[int], Path]]:
+        """Mount a file system of so many MB."""
         mount = tmp_path / "small"
         mount.mkdir()
-        command = ["mount", "-t", "tmpfs", "-o", "size=16m", "tmpfs", str(mount)]
-        if (
-            shutil.which("mount") is None
-            or subprocess.run(command, capture_output=True, check=False).returncode
-        ):
-            pytest.skip("mounting a small file system is not permitted here")
-        try:
-            numbers, text = self.fill(mount / "bag")
-            assert "recording ended early" in text
-            assert "No space left on device" in text
-            self.check(mount / "bag", numbers)
-        finally:
+
+        def make(size: int) -> Path:
+            command = ["mount", "-t", "tmpfs", "-o", f"size={size}m", "tmpfs", str(mount)]
+            if (
+                shutil.which("mount") is None
+                or subprocess.run(command, capture_output=True, check=False).returncode
+            ):
+                pytest.skip("mounting a small file system is not permitted here")
+            return mount
+
+        yield make
+        if mount.is_mount():
             subprocess.run(["umount", str(mount)], check=True)
+
+    def test_a_file_system_without_space(self, small: Callable[[int], Path]) -> None:
+        directory = small(16) / "bag"
+        numbers, text = self.fill(directory)
+        assert "recording ended early" in text
+        assert "No space left on device" in text
+        self.check(directory, numbers)
+
+    def test_too_little_space_to_begin_with(self, small: Callable[[int], Path]) -> None:
+        """Nothing is left behind that would be in the way of the next attempt."""
+        directory = small(3) / "bag"
+        with pytest.raises(
+            BagError, match=r"cannot write bag .*: No space left on device; at least 4 MB are needed"
+        ):
+            BagFile(directory, {})
+        assert not directory.exists()
 
     def test_a_limit_of_the_file_size(self, tmp_path: Path) -> None:
         numbers, text = self.fill(tmp_path / "bag", limit=6_300_000)

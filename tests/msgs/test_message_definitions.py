@@ -1,8 +1,11 @@
 import pytest
+from rosbags.typesys import get_types_from_msg
 from sensor_msgs.msg import JointState
 
+from cspr_msgs_py import message_definitions
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.message_definitions import message_class, message_definition
+from cspr_msgs_py.topics import graph_topics
 
 
 def test_class_by_name() -> None:
@@ -21,6 +24,43 @@ def test_what_is_not_installed_is_named(name: str) -> None:
         message_class(name)
 
 
+@pytest.fixture
+def without_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An installation without the .msg files."""
+    monkeypatch.setattr(message_definitions, "definition_file", lambda package, name: None)
+
+
+TYPES = sorted({topic.type for topic in graph_topics(1)} | {"rcl_interfaces/msg/Log", "sensor_msgs/msg/Imu"})
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_it_is_the_text_of_the_files_where_there_are_any(name: str) -> None:
+    package, _, short = name.split("/")
+    file = message_definitions.definition_file(package, short)
+    assert file is not None
+    assert file.name == f"{short}.msg"
+    assert message_definition(name).startswith(file.read_text().rstrip() + "\n")
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_the_rebuilt_text_says_the_same_of_the_bytes(name: str, request: pytest.FixtureRequest) -> None:
+    """By the parser of another project."""
+    written = get_types_from_msg(message_definition(name), name)
+    request.getfixturevalue("without_files")
+    rebuilt = get_types_from_msg(message_definition(name), name)
+    assert {each: fields for each, (_, fields) in rebuilt.items()} == {
+        each: fields for each, (_, fields) in written.items()
+    }
+
+
+def test_constants_have_their_names() -> None:
+    constants, _ = get_types_from_msg(
+        message_definition("diagnostic_msgs/msg/DiagnosticStatus"), "diagnostic_msgs/msg/DiagnosticStatus"
+    )["diagnostic_msgs/msg/DiagnosticStatus"]
+    assert [name for name, *_ in constants] == ["OK", "WARN", "ERROR", "STALE"]
+
+
+@pytest.mark.usefixtures("without_files")
 def test_definition_of_nested_messages() -> None:
     separator = "=" * 80
     assert message_definition("sensor_msgs/msg/JointState") == (
@@ -40,6 +80,7 @@ def test_definition_of_nested_messages() -> None:
     )
 
 
+@pytest.mark.usefixtures("without_files")
 @pytest.mark.parametrize(
     ("name", "line"),
     [

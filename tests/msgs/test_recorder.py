@@ -178,9 +178,12 @@ class TestServices:
         assert ask("resume").message == "the recording is not paused"
         states.publish(CODEC.encode(3, np.zeros(6), np.zeros(6), np.zeros(6)))
         assert ask("mark").message == "mark 1 is on /events"
+        recorder.set_parameters(parameters(mark_text="load attached"))
+        assert ask("mark").message == "mark 2 is on /events"
+        assert ask("mark").message == "mark 3 is on /events"
         counted("/motor_states", 2)
         counted("/robot_state", 2)
-        counted("/events", 4)
+        counted("/events", 6)
         recorder.make_safe()
         with Bag(tmp_path / "bag") as bag:
             np.testing.assert_array_equal(bag["/motor_states"].time_ns, [1, 3])
@@ -190,6 +193,8 @@ class TestServices:
                 "gripper closed",
                 "recording resumed",
                 "mark 1",
+                "mark 2: load attached",
+                "mark 3",
             ]
             recorded = [message.message for message in bag["/recorder_state"].messages]
         assert recorded[0] == "recording"

@@ -24,6 +24,8 @@ from pathlib import Path
 import pytest
 import rclpy
 import yaml
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -36,7 +38,9 @@ from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
     DRIVE_STATES,
+    LOAD_CELL_STATES,
     MOTOR_STATES,
+    SETPOINT,
     cable_names,
     motor_command,
     motor_names,
@@ -47,10 +51,11 @@ CHANNELS = ("vcan0", "vcan1")
 MOTORS = 8
 PATIENCE = 300.0  # s; a generous limit for what takes seconds on a quiet machine
 
-# One virtual CPU of a slow machine runs drivers, devices, plant and test: a slower cycle, and watchdogs to match.
-# A freeze of 1 s is longer than what the drives tolerate.
-RATE = 10.0  # Hz, unless a module has a RATE of its own
-TIMEOUTS = {
+# One virtual CPU of a slow and busy machine runs drivers, devices, plant and test: a slower cycle, watchdogs to match,
+# and all of it in slow motion, so that nobody who has to wait for the CPU for a second is taken for dead.
+RATE = 25.0  # Hz; a real machine runs at ten times as much
+SPEED = 0.2  # seconds of the machine in a second of the computer
+TIMEOUTS = {  # s of the machine
     "command": 0.5,  # below rpdo, so that the driver names the cause before the drives act
     "feedback": 0.7,
     "rpdo": 0.8,
@@ -120,15 +125,30 @@ class Candump:
         self._file.close()
 
 
-class Process:
-    """One executable of the product, its log in a file."""
+# Real drives have no slow motion, so the executable has no parameter for it.
+SLOW_DRIVERS = f"""
+import sys
+from cspr_drivers import clock
+clock.set_speed({SPEED})
+from cspr_drivers.nodes.drivers import main
+sys.exit(main())
+"""
 
-    def __init__(self, name, module, arguments, directory, ros=True):
+
+class Process:
+    """One executable of the product, by its module or with code that runs it, its log in a file."""
+
+    def __init__(self, name, module, arguments, directory, ros=True, code=None):
         self.name = name
         self.log = directory / f"{name}.log"
         with self.log.open("w") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", module, *(["--ros-args"] if ros else []), *map(str, arguments)],
+                [
+                    sys.executable,
+                    *(["-m", module] if code is None else ["-c", code]),
+                    *(["--ros-args"] if ros else []),
+                    *map(str, arguments),
+                ],
                 cwd=ROOT,
                 env=os.environ | {"PYTHONUNBUFFERED": "1"},
                 stdout=log,
@@ -175,22 +195,26 @@ class Probe:
         self._executor.add_node(self.node)
         self._lock = threading.Lock()
         self.answers = True
+        self.foreign = set()  # motors, from 1, that have a controller of their own
         self.override = None  # torque, N m, that motor 3 is commanded instead
         self.state = None
         self.tensions = None
         self.drives = {}
         self.health = {}
+        self.load_cells = "unknown"  # what is wrong with them; empty when all is well
         self._anchor = None
         self._holding = None
         names = motor_names(MOTORS)
         self._states = JointStateCodec(names)
         self._cells = JointStateCodec(cable_names(MOTORS), position=False, velocity=False)
         self._codecs = [JointStateCodec((name,), position=False, velocity=False) for name in names]
+        self._setpoints = advertise(self.node, SETPOINT)
         self._commands = [advertise(self.node, motor_command(k)) for k in range(1, MOTORS + 1)]
         subscribe_raw(self.node, MOTOR_STATES, self._answer)
         subscribe_raw(self.node, CABLE_TENSIONS, self._measured)
         subscribe(self.node, DRIVE_STATES, self._note_drives)
         subscribe(self.node, DIAGNOSTICS, self._note_health)
+        subscribe(self.node, LOAD_CELL_STATES, self._note_cells)
         self._clients = {}
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -211,8 +235,12 @@ class Probe:
         torque = self._holding - KP * (state.position - self._anchor) - KD * state.velocity
         if self.override is not None:
             torque[2] = self.override
-        for codec, publisher, effort in zip(self._codecs, self._commands, torque, strict=True):
-            publisher.publish(codec.encode(state.stamp_ns, effort=[effort]))
+        if self.foreign:
+            still = [0.0] * MOTORS
+            self._setpoints.publish(self._states.encode(state.stamp_ns, self._anchor, still, self._holding))
+        for k, (codec, publisher) in enumerate(zip(self._codecs, self._commands, strict=True)):
+            if k + 1 not in self.foreign:
+                publisher.publish(codec.encode(state.stamp_ns, effort=[torque[k]]))
 
     def _measured(self, buffer):
         self.tensions = self._cells.decode(buffer).effort
@@ -222,6 +250,9 @@ class Probe:
 
     def _note_health(self, message):
         self.health.update(from_diagnostic_array(message))
+
+    def _note_cells(self, message):
+        self.load_cells = from_diagnostic_array(message)["load_cells"][2].get("cause", "")
 
     def forget_drives(self):
         """Forget what drivers that are gone have said, and wait for the present ones to say something."""
@@ -275,11 +306,12 @@ def wait_for(condition, problem, patience=PATIENCE):
 class Bench:
     """Drivers and emulated robot, each a process, on two kernel CAN buses, with probe and witness."""
 
-    def __init__(self, directory, rate):
+    rate, speed = RATE, SPEED
+
+    def __init__(self, directory):
         self.directory = directory
-        self.rate = rate
         self.config = directory / "can.yaml"
-        self.config.write_text(yaml.safe_dump(two_buses(rate, TIMEOUTS)))
+        self.config.write_text(yaml.safe_dump(two_buses(RATE, TIMEOUTS)))
         (directory / "eds").symlink_to(ROOT / "config" / "eds")
         self.wire = Candump(directory / "candump.log")
         self.probe = Probe()
@@ -290,13 +322,17 @@ class Bench:
         self.robot = Process(
             "emulated_robot",
             "cspr_drivers.nodes.emulated_robot",
-            ["-p", f"can_config:={self.config}", "-p", f"simulation_config:={ROOT}/config/simulation.yaml"],
+            [
+                *("-p", f"can_config:={self.config}"),
+                *("-p", f"simulation_config:={ROOT}/config/simulation.yaml"),
+                *("-p", f"speed:={SPEED}"),
+            ],
             self.directory,
         )
 
     def start_drivers(self):
         self.drivers = Process(
-            "drivers", "cspr_drivers.nodes.drivers", ["-p", f"can_config:={self.config}"], self.directory
+            "drivers", None, ["-p", f"can_config:={self.config}"], self.directory, code=SLOW_DRIVERS
         )
 
     def ready(self):
@@ -332,6 +368,15 @@ class Bench:
         self.until(lambda: self.probe.call("/can_drives/enable").success, "enable is refused")
         self.until(lambda: self.probe.group[0] == "enabled", "not enabled")
         self.until(lambda: self.probe.brakes_open == MOTORS, "not all brakes are open")
+
+    def inject(self, fault):
+        """Put a fault into the emulated devices by its name."""
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=fault)
+        request = SetParameters.Request(parameters=[Parameter(name="fault", value=value)])
+        (result,) = self.probe.call("/simulated_robot/set_parameters", SetParameters, request).results
+        assert result.successful, result.reason
+        answer = self.probe.call("/simulated_robot/inject_fault")
+        assert answer.success, answer.message
 
     def held(self, *words):
         """Wait for the end that every fault must have: brakes closed in the plant, latched, the cause named."""
@@ -399,16 +444,16 @@ def two_buses(rate, timeouts):
     return content
 
 
-def ip(*words):
+def run_ip(*words):
     """Run iproute2's `ip`."""
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
 
 
-def plug_in(channel):
+def make_present(channel):
     """Make a virtual CAN interface if it is missing, and bring it up."""
     if not Path("/sys/class/net", channel).exists():
-        ip("link", "add", channel, "type", "vcan")
-    ip("link", "set", channel, "up")
+        run_ip("link", "add", channel, "type", "vcan")
+    run_ip("link", "set", channel, "up")
 
 
 class RawSocket:
@@ -461,16 +506,9 @@ class WireReport:
         )
 
 
-@pytest.fixture(scope="session", autouse=True)
-def domain():
-    """A ROS domain of its own, on this machine alone."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(40 + os.getpid() % 60))
-
-
 @pytest.fixture(scope="module")
-def processes(request, tmp_path_factory):
-    bench = Bench(tmp_path_factory.mktemp("socketcan"), getattr(request.module, "RATE", RATE))
+def processes(tmp_path_factory):
+    bench = Bench(tmp_path_factory.mktemp("socketcan"))
     yield bench
     bench.close()
 
@@ -479,14 +517,26 @@ def processes(request, tmp_path_factory):
 def bench(processes):
     """Both processes, drives disabled; interfaces are put right afterwards."""
     for channel in CHANNELS:
-        plug_in(channel)
+        make_present(channel)
     processes.ready()
     yield processes
     for channel in CHANNELS:
-        plug_in(channel)
+        make_present(channel)
     with contextlib.suppress(ProcessLookupError):
         for process in (processes.drivers, processes.robot):
             process.send(signal.SIGCONT)
+
+
+@pytest.fixture
+def ip():
+    """Run iproute2's `ip`."""
+    return run_ip
+
+
+@pytest.fixture
+def plug_in():
+    """Make a virtual CAN interface if it is missing, and bring it up."""
+    return make_present
 
 
 @pytest.fixture
@@ -524,7 +574,7 @@ def root():
 
 @pytest.fixture
 def rate(bench):
-    """Cycles a second, Hz."""
+    """Cycles in a second of the machine, Hz."""
     return bench.rate
 
 

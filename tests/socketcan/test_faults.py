@@ -6,7 +6,6 @@ The names of the causes are those of docs/operation.md.
 
 import math
 import signal
-import subprocess
 import threading
 import time
 
@@ -14,10 +13,6 @@ import pytest
 
 CAN_ERR_FLAG = 0x20000000  # linux/can/error.h
 CAN_ERR_PROT, CAN_ERR_BUSOFF = 0x08, 0x40
-
-
-def ip(*words):
-    subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
 
 
 def test_commands_that_stop(bench):
@@ -53,9 +48,10 @@ def test_a_driver_that_is_killed(bench):
 def test_a_driver_that_is_frozen_for_a_second(bench):
     bench.enable()
     bench.drivers.send(signal.SIGSTOP)
-    time.sleep(1.0)
+    time.sleep(1.0 / bench.speed)
     bench.drivers.send(signal.SIGCONT)
-    bench.held()
+    # the drives have stopped by themselves meanwhile; the driver finds them so, or finds the commands missing first
+    bench.held("motor_")
     bench.back_without_a_jump()
 
 
@@ -74,20 +70,20 @@ def test_a_drive_that_restarts(bench, raw):
     bench.back_without_a_jump()
 
 
-def test_an_interface_that_goes_down(bench):
+def test_an_interface_that_goes_down(bench, ip):
     bench.enable()
     ip("link", "set", "vcan1", "down")
-    bench.held()
+    bench.held("bus bus_1: Network is down")
     ip("link", "set", "vcan1", "up")
     bench.back_without_a_jump()
 
 
-def test_a_bus_that_is_off(bench, raw):
+def test_a_bus_that_is_off(bench, raw, ip):
     """The controller reports bus-off by an error frame, and then sends nothing: vcan has no such state of its own."""
     bench.enable()
     raw("vcan0").send(CAN_ERR_FLAG | CAN_ERR_BUSOFF, bytes(8))
     ip("link", "set", "vcan0", "down")
-    bench.held()
+    bench.held("bus bus_0: ")
     ip("link", "set", "vcan0", "up")
     bench.until(
         lambda: int(bench.probe.health.get("can_drives: bus bus_0", (0, "", {}))[2].get("bus_errors", 0)) > 0,
@@ -108,6 +104,73 @@ def test_error_frames_are_counted_and_named(bench, raw):
 
     bench.until(told, "error frames are not in /diagnostics")
     assert bench.probe.brakes_open == 0
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("drive_fault motor_2", "motor_2 reports drive or motor temperature too high (error code 0x4310)"),
+        ("drive_emergency motor_2", "motor_2 reports DC link undervoltage (error code 0x3220)"),
+        ("drive_wrong_mode motor_2", "motor_2 does not follow its target torque: it has left its mode"),
+        ("drive_no_heartbeat motor_2", "motor_2: no heartbeat for"),
+        ("drive_no_feedback motor_2", "motor_2: silent for"),
+        ("emergency_stop", "emergency stop: input of motor_"),
+    ],
+)
+def test_a_fault_of_the_devices(bench, fault, words):
+    bench.enable()
+    bench.inject(fault)
+    bench.held(words)
+    bench.probe.call("/simulated_robot/clear_faults")
+    bench.back_without_a_jump()
+
+
+def test_the_quick_stop_of_the_operator(bench):
+    bench.enable()
+    assert bench.probe.call("/can_drives/quick_stop").success
+    bench.held("quick stop commanded")
+    bench.back_without_a_jump()
+
+
+def test_a_controller_that_is_killed(bench, executable, root):
+    """One motor has the product's own controller, in a process of its own; it ends without a word."""
+    bench.probe.foreign = {3}
+    controller = executable(
+        "motor_controller",
+        "cspr_control.nodes.motor_controller",
+        "-p", "motor:=3",
+        "-p", f"control_rate:={bench.rate}",
+        "-p", "kp:=0.3",
+        "-p", "kd:=0.02",
+        "-p", "setpoint_timeout:=1.0",
+        "-p", f"robot_config:={root}/config/robot.yaml",
+    )  # fmt: skip
+    try:
+        bench.enable()
+        controller.send(signal.SIGKILL)
+        assert controller.wait() == -signal.SIGKILL
+        bench.held("no torque command within", "motor_3")
+    finally:
+        controller.end()
+        bench.probe.foreign = set()
+    bench.back_without_a_jump()
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("load_cell_silent cable_6", "cable_6: "),
+        ("load_cell_saturated cable_6", "cable_6: positive overload"),
+    ],
+)
+def test_a_load_cell_that_fails_is_named_where_the_supervisor_listens(bench, fault, words):
+    bench.until(lambda: bench.probe.load_cells == "", "the load cells are not well")
+    bench.inject(fault)
+    bench.until(lambda: words in bench.probe.load_cells, lambda: f"it is not named: {bench.probe.load_cells}")
+    bench.probe.call("/simulated_robot/clear_faults")
+    bench.until(
+        lambda: bench.probe.load_cells == "", lambda: f"it does not come back: {bench.probe.load_cells}"
+    )
 
 
 def test_a_babbling_node(bench, raw):
@@ -173,11 +236,11 @@ def test_ctrl_c_closes_the_brakes_first(bench):
     bench.until(lambda: bench.probe.brakes_open == 0, "brakes are open")
 
 
-def test_an_interface_that_is_removed_and_comes_back(bench):
+def test_an_interface_that_is_removed_and_comes_back(bench, ip):
     """As when a USB adapter is unplugged and plugged in again: the sockets of both ends are of no use any more."""
     bench.enable()
     ip("link", "delete", "vcan1")
-    bench.held()
+    bench.held("bus bus_1: ")
     ip("link", "add", "vcan1", "type", "vcan")
     ip("link", "set", "vcan1", "up")
     bench.robot.end()  # the devices' own interfaces have not been unplugged: give them a bus again

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -76,9 +76,11 @@ class ChildProcesses:
         """Path of a child's log."""
         return self._log_directory / f"{name}.log"
 
-    def check(self) -> None:
-        """Raise ChildDiedError if a child has ended."""
+    def check(self, names: Collection[str] | None = None) -> None:
+        """Raise ChildDiedError if a child has ended; one of those named, where some are."""
         for name, child in self._children.items():
+            if names is not None and name not in names:
+                continue
             status = child.poll()
             if status is not None:
                 raise ChildDiedError(name, status, self._last_words(name), self.log(name))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -39,12 +40,16 @@ _RELAXED_AGES = {"motor_states": 1.0, "setpoint": 1.0, "cable_tensions": 1.0, "p
 
 # Parameters that count on the computer's clock, and so have to be told of a slower machine.
 _DURATIONS = {
+    "/**": ("setpoint_timeout",),
     "feedforward": ("payload_timeout",),
     "mass_estimator": ("time_constant", "tensions_timeout", "pose_timeout"),
     "supervisor": (
         "following_error_time",
         "tension_min_time",
         "tension_max_time",
+        "motor_speed_time",
+        "tension_difference_time",
+        "stuck_time",
         "enable_timeout",
         "stop_timeout",
         "drive_timeout",
@@ -121,14 +126,19 @@ class Scenario:
             ages = control["supervisor"]["ros__parameters"]["max_age"]
             if not self.realtime:
                 _relax(ages, _RELAXED_AGES)
-            for name in ages:
-                ages[name] /= self.speed
-            for node, names in _DURATIONS.items():
-                for name in names:
-                    control[node]["ros__parameters"][name] /= self.speed
-            for node, names in _RATES.items():
-                for name in names:
-                    control[node]["ros__parameters"][name] *= self.speed
+            if self.speed != 1.0:
+                self._slow_down(control)
+
+    def _slow_down(self, control: dict[str, Any]) -> None:
+        for node, names in _DURATIONS.items():
+            for name in names:
+                control[node]["ros__parameters"][name] /= self.speed
+        for node, names in _RATES.items():
+            for name in names:
+                control[node]["ros__parameters"][name] *= self.speed
+        ages = control["supervisor"]["ros__parameters"]["max_age"]
+        for name in ages:
+            ages[name] /= self.speed
 
     def control_arguments(self) -> list[str]:
         """ROS arguments of the control nodes."""
@@ -149,8 +159,13 @@ def ros_arguments(config: Path) -> list[str]:
     """ROS arguments by which a node finds the files of a configuration directory."""
     arguments = ["--ros-args", "--params-file", str(config / "control.yaml")]
     for name in ("robot", "can", "simulation"):
-        arguments += ["-p", f"{name}_config:={config / name}.yaml"]
+        arguments += ros_parameter(f"{name}_config", f"{config / name}.yaml")
     return arguments
+
+
+def ros_parameter(name: str, value: str | list[str]) -> list[str]:
+    """ROS arguments that give a parameter texts: ROS reads YAML, of which JSON is a part, quotes included."""
+    return ["-p", f"{name}:={json.dumps(value)}"]
 
 
 def _relax(limits: dict[str, float], least: dict[str, float]) -> None:
@@ -164,6 +179,6 @@ def _edited(file: Path) -> Iterator[dict[str, Any]]:
     try:
         values = yaml.safe_load(file.read_text(encoding="utf-8"))
         yield values
-    except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
+    except (OSError, yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError) as error:
         raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
     file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")

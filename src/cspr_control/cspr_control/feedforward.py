@@ -24,6 +24,9 @@ from cspr_kinematics import (
     feedforward_tensions,
 )
 
+LARGEST_OFFSET = 10.0
+"""Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
+
 _AT_REST = Twist.zero()
 _UNACCELERATED = Acceleration.zero()
 
@@ -121,7 +124,8 @@ def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_paylo
     Raises
     ------
     PayloadError
-        If a number is not finite, the mass is negative or exceeds the largest one.
+        If a number is not finite, the mass is negative or exceeds the largest one, or the centre of mass is
+        further off than `LARGEST_OFFSET`.
     """
     center = np.asarray(center_of_mass, dtype=float)
     if not math.isfinite(mass):
@@ -132,6 +136,10 @@ def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_paylo
         raise PayloadError(f"{what}: the mass is {mass} kg; it must not exceed max_payload, {max_payload} kg")
     if center.shape != (3,) or not np.isfinite(center).all():
         raise PayloadError(f"{what}: the centre of mass is {center.tolist()}; it must be 3 finite numbers")
+    if np.abs(center).max() > LARGEST_OFFSET:
+        raise PayloadError(
+            f"{what}: the centre of mass is {center.tolist()} m; no coordinate may exceed {LARGEST_OFFSET:g} m"
+        )
     return Payload(mass, center)
 
 

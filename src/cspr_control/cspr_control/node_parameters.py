@@ -12,7 +12,13 @@ from difflib import get_close_matches
 from typing import Any
 
 from cspr_control.errors import SettingError
-from cspr_control.feedforward import FeedforwardModel, FeedforwardSettings, PayloadSource, checked_payload
+from cspr_control.feedforward import (
+    LARGEST_OFFSET,
+    FeedforwardModel,
+    FeedforwardSettings,
+    PayloadSource,
+    checked_payload,
+)
 from cspr_control.payload_estimation import EstimatorSettings
 from cspr_kinematics import bounded_methods
 
@@ -79,9 +85,15 @@ MASS_ESTIMATOR = (
     _estimator("mass_rate_limit", "Fastest change of the published mass", 0.1, 1e4, "kg/s"),
     _estimator("center_rate_limit", "Fastest change of the published centre of mass", 1e-3, 10.0, "m/s"),
     _estimator("max_payload", "Largest payload", 0.1, 1e5, "kg"),
-    _estimator("max_offset", "Largest coordinate of the centre of mass", 1e-3, 10.0, "m"),
+    _estimator("max_offset", "Largest coordinate of the centre of mass", 1e-3, LARGEST_OFFSET, "m"),
     _estimator("minimum_mass", "Payload below which no centre of mass is published", 0.1, 1e3, "kg"),
-    _estimator("payload_height", "Assumed z of the payload's centre of mass in platform", -10.0, 10.0, "m"),
+    _estimator(
+        "payload_height",
+        "Assumed z of the payload's centre of mass in platform",
+        -LARGEST_OFFSET,
+        LARGEST_OFFSET,
+        "m",
+    ),
     _estimator("slack_tension", "Tension below which a cable counts as slack", 0.1, 1e4, "N"),
     _estimator("max_speed", "Speed above which the estimate is held", 1e-3, 100.0, "m/s"),
     _estimator("max_angular_speed", "Angular speed above which the estimate is held", 1e-3, 100.0, "rad/s"),

@@ -49,7 +49,11 @@ class ParameterFile:
         """Read the text of a file; raises SettingError as the constructor does, also for broken YAML."""
         try:
             return ParameterFile(yaml.safe_load(text), name)
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
+        except (
+            yaml.YAMLError,
+            ValueError,
+            RecursionError,
+        ) as error:  # no text, no number, no end of brackets
             raise SettingError(f"{name} is not YAML: {' '.join(str(error).split())}") from error
 
     @staticmethod

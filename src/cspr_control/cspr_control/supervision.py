@@ -202,8 +202,7 @@ class Supervisor:
             if fault is not None and fault.controlled and self.state is not RobotState.ENABLING:
                 self._stop_for(fault, time)
             elif fault is not None:
-                # a stop along the path that fails on the way keeps the cause that it began with
-                self._fail(time, self.fault or fault)
+                self._fail(time, fault)
             elif self.state is RobotState.ENABLING and self._drives is DriverState.ENABLED:
                 self._enter(RobotState.ENABLED, time)
             if self.state is RobotState.STOPPING:
@@ -290,7 +289,10 @@ class Supervisor:
             )
 
     def _fail(self, time: float, fault: Fault) -> None:
-        self.fault = fault
+        # A stop along the path that fails on the way keeps the cause that it began with, and names the second one too:
+        # on a dead bus the load cells may be missed a moment before the drives are.
+        first = self.fault
+        self.fault = Fault(first.kind, f"{first.detail}; then {fault}") if first else fault
         self._enter(RobotState.FAULT, time)
         self._quick_stop_time = time
         self._actions = [Action.QUICK_STOP, Action.STOP_TRAJECTORY]

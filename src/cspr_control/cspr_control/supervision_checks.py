@@ -86,6 +86,9 @@ class SupervisionLimits:
         Largest difference between desired and measured motor angle, rad.
     following_error_time
         How long it may be exceeded, s.
+    starting_error
+        Largest difference between desired and measured motor angle with which the robot may be enabled, rad: the motors
+        jump by as much. It is large where the lengths of the cables fit no pose, as after a cable was paid out.
     tension_min, tension_max
         Limits of the cable tensions, N.
     tension_min_time, tension_max_time
@@ -109,7 +112,8 @@ class SupervisionLimits:
 
     max_ages: dict[MonitoredInput, float] = field(default_factory=_default_ages)
     following_error: float = 12.0
-    following_error_time: float = 0.2
+    following_error_time: float = 0.05
+    starting_error: float = 2.0
     tension_min: float = 50.0
     tension_min_time: float = 0.5
     tension_max: float = 3000.0
@@ -331,10 +335,10 @@ class SupervisionChecks:
             return str(stale[0])
         errors = self.following_errors()
         worst = int(np.abs(errors).argmax())
-        if not abs(errors[worst]) <= self._limits.following_error:
+        if not abs(errors[worst]) <= self._limits.starting_error:
             return (
                 f"motor_{worst + 1} is {errors[worst]:.2f} rad away from its set-point, "
-                f"limit {self._limits.following_error:g} rad"
+                f"limit {self._limits.starting_error:g} rad: wind the cables so that all of them are taut"
             )
         highest = int(self._tensions.argmax())
         if not self._tensions[highest] <= self._limits.tension_max:

@@ -66,6 +66,8 @@ class TrajectoryPlayer:
         The trajectory last started, empty before the first.
     start_time, end_time
         When it begins, and when it ends unless it is stopped, ROS time, ns; 0 before the first.
+    interruption
+        Why the trajectory last started was given up by itself; empty if it was not.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class TrajectoryPlayer:
         self.trajectory_name = ""
         self.start_time = 0
         self.end_time = 0
+        self.interruption = ""
         self._time = 0  # of the newest sample
         self._pose: Pose | None = None  # of the newest sample
         self._held: Pose | None = None
@@ -122,6 +125,7 @@ class TrajectoryPlayer:
         self._followed, self._followed_since, self._next = approach, self._time, trajectory
         self._held = begin
         self.trajectory_name = trajectory.name
+        self.interruption = ""
         self.start_time = self._time + round((approach.duration + self.dwell) * SECOND)
         self.end_time = self.start_time + round(trajectory.duration * SECOND)
         self.phase = TrajectoryPhase.APPROACH
@@ -143,6 +147,7 @@ class TrajectoryPlayer:
         """
         if abs(time - self._time) > self.max_gap * SECOND:
             if self._followed is not None and self._pose is not None:
+                self.interruption = _gap_text((time - self._time) / SECOND, self.max_gap)
                 self.hold(self._pose)
         else:
             time = max(time, self._time)
@@ -183,3 +188,9 @@ class TrajectoryPlayer:
         self._followed = None
         self.phase = phase
         return ReferencePoint.at_rest(self._held)
+
+
+def _gap_text(gap: float, limit: float) -> str:
+    if gap < 0.0:
+        return f"the clock went back by {-gap:.3f} s"
+    return f"no motor states came for {gap:.3f} s, longer than {limit:g} s"

@@ -19,7 +19,7 @@ from cspr_drivers import clock
 from cspr_drivers.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError, FrameError
 from cspr_drivers.frame_table import NMT_COB_ID, SYNC_COB_ID, FunctionCode, cob_id
-from cspr_drivers.socketcan_bus import QuickSocketCan, error_frame_text, is_bus_off
+from cspr_drivers.socketcan_bus import GONE, QuickSocketCan, error_frame_text, is_bus_off
 
 FrameHandler = Callable[[bytes | bytearray, float], None]
 SyncHandler = Callable[[float, int], None]
@@ -42,8 +42,8 @@ _OPEN_PROBLEMS = {
 # The queue of the interface is full (txqueuelen), or the buffer of the socket is.
 _NO_ROOM = (errno.ENOBUFS, errno.EAGAIN)
 _RETRY_INTERVAL = 200e-6  # s; some two frames on a bus of 1 Mbit/s
-
-_CONTENT_OF_A_FRAME = tuple(slot for slot in can.Message.__slots__ if not slot.startswith("__"))
+# The interface is down, or there is none any more.
+_NO_INTERFACE = (errno.ENETDOWN, *GONE)
 
 
 class CyclicFrame(can.Message):  # type: ignore[misc]  # python-can's classes count as untyped
@@ -68,11 +68,20 @@ class CyclicFrame(can.Message):  # type: ignore[misc]  # python-can's classes co
 
 def copied_frame(frame: can.Message) -> can.Message:
     """Return a copy of a frame, with data that its sender does not change."""
-    # The checks of the constructor would cost more than the copy.
+    # One by one: a constructor call or a loop over the attributes costs several times as much, for each frame.
     copy = can.Message.__new__(can.Message)
-    for attribute in _CONTENT_OF_A_FRAME:
-        setattr(copy, attribute, getattr(frame, attribute))
+    copy.timestamp = frame.timestamp
+    copy.arbitration_id = frame.arbitration_id
+    copy.is_extended_id = frame.is_extended_id
+    copy.is_remote_frame = frame.is_remote_frame
+    copy.is_error_frame = frame.is_error_frame
+    copy.channel = frame.channel
+    copy.dlc = frame.dlc
     copy.data = bytes(frame.data)
+    copy.is_fd = frame.is_fd
+    copy.is_rx = frame.is_rx
+    copy.bitrate_switch = frame.bitrate_switch
+    copy.error_state_indicator = frame.error_state_indicator
     return copy
 
 
@@ -143,6 +152,8 @@ class CanPort:
         Counts since the bus was opened. Frames of unknown COB-IDs are seen only on interfaces without filters.
     last_problem
         The newest of what was counted, in words; empty when nothing was.
+    failure
+        Why the interface takes no frames at all, in words, until one is sent again; empty otherwise.
     """
 
     def __init__(self, name: str, bus: can.BusABC, known_cob_ids: Iterable[int] = ()) -> None:
@@ -155,6 +166,7 @@ class CanPort:
         self.send_retries = 0
         self.bus_errors = 0
         self.last_problem = ""
+        self.failure = ""
         self._bus = bus
         self._handlers: dict[int, FrameHandler] = {}
         self._known = frozenset(known_cob_ids)
@@ -210,6 +222,8 @@ class CanPort:
                 self._bus.send(message)
         except can.CanError as error:
             return self._send_again(message, error, deadline)
+        if self.failure:
+            self.failure = ""
         return True
 
     def _send_again(self, message: can.Message, error: can.CanError, deadline: float) -> bool:
@@ -224,6 +238,8 @@ class CanPort:
             else:
                 return True
         self.send_errors += 1
+        if getattr(error, "error_code", None) in _NO_INTERFACE:
+            self.failure = str(error)
         self.last_problem = f"sending COB-ID 0x{message.arbitration_id:03X}: {error}"
         return False
 

@@ -103,6 +103,22 @@ class LoadCellChecks:
 
 
 @dataclass(frozen=True)
+class TorqueCheck:
+    """When a drive counts as one that does not apply the torque it was told.
+
+    Attributes
+    ----------
+    difference
+        Largest difference of the two, N m...
+    time
+        ...and how long it may be exceeded, s.
+    """
+
+    difference: float
+    time: float
+
+
+@dataclass(frozen=True)
 class PdoConfig:
     """Layouts of the process data objects that are sent in each cycle.
 
@@ -145,6 +161,8 @@ class CanConfig:
         What the drives do when they stop.
     load_cell_checks
         When a load cell counts as stuck.
+    torque_check
+        When a drive counts as one that does not apply its torque.
     timeouts
         Limits in time.
     """
@@ -163,6 +181,7 @@ class CanConfig:
     pdo: PdoConfig
     option_codes: OptionCodes
     load_cell_checks: LoadCellChecks
+    torque_check: TorqueCheck
     timeouts: Timeouts
 
     @staticmethod
@@ -206,6 +225,7 @@ class CanConfig:
             pdo=_pdo(top.section("pdo"), velocity_source),
             option_codes=read_option_codes(top.section("option_codes")),
             load_cell_checks=_load_cell_checks(top.section("load_cell_checks")),
+            torque_check=_torque_check(top.section("torque_check")),
             timeouts=read_timeouts(top.section("timeouts")),
         )
         if config.bus_load_limit > 1.0:
@@ -292,6 +312,12 @@ def _emergency_stop_input(section: ConfigSection | None) -> EmergencyStopInput |
     )
     section.finish()
     return entry
+
+
+def _torque_check(section: ConfigSection) -> TorqueCheck:
+    check = TorqueCheck(section.number("difference", above=0.0), section.number("time", minimum=0.0))
+    section.finish()
+    return check
 
 
 def _load_cell_checks(section: ConfigSection) -> LoadCellChecks:

@@ -24,6 +24,12 @@ sleep: Callable[[float], None] = computer.sleep
 """Wait for a time in s."""
 
 _speed = 1.0
+_start_of_day = 0.0  # s since 1970 on both clocks at which they began to differ
+
+
+def of_computer(stamp: float) -> float:
+    """Return the machine's time of day, s, at a time of day of the computer, such as the kernel gives to frames."""
+    return _start_of_day + (stamp - _start_of_day) * _speed
 
 
 def on_computer(duration: float) -> float:
@@ -40,12 +46,13 @@ def set_speed(speed: float) -> None:
         Seconds of the machine in a second of the computer; 1 is the computer's own time. To be set before anything
         is timed: a change makes time of day jump.
     """
-    global monotonic, time, time_ns, sleep, _speed
+    global monotonic, time, time_ns, sleep, _speed, _start_of_day
     _speed = speed
     if speed == 1.0:
         monotonic, time, time_ns, sleep = computer.monotonic, computer.time, computer.time_ns, computer.sleep
         return
     start, day = computer.monotonic(), computer.time_ns()
+    _start_of_day = 1e-9 * day
 
     def elapsed() -> float:
         return (computer.monotonic() - start) * speed

@@ -20,6 +20,23 @@ def configuration_error(source: str, key: str, value: object, problem: str) -> C
     return ConfigurationError(f"{place}{shown}: {problem}")
 
 
+class _UniqueKeys(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
+    """Refuses a key that a mapping has twice (YAML 1.2.2, section 3.2.1.3); PyYAML alone would take the last."""
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {key.value} stands there twice", problem_mark=key.start_mark
+                )
+            seen.add(key.value)
+        return node
+
+
 class ConfigSection:
     """One mapping of a configuration file.
 
@@ -53,10 +70,14 @@ class ConfigSection:
     def from_yaml(path: str | Path) -> ConfigSection:
         """Return the top-level mapping of a YAML file."""
         try:
-            content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+            content = yaml.load(Path(path).read_text(encoding="utf-8"), _UniqueKeys)
         except OSError as error:
             raise configuration_error(str(path), "", None, f"cannot be read: {error.strerror}") from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
+        except (
+            yaml.YAMLError,
+            ValueError,
+            RecursionError,
+        ) as error:  # no text, no number, no end of brackets
             problem = " ".join(str(error).split())
             raise configuration_error(str(path), "", None, f"is not valid YAML: {problem}") from None
         return ConfigSection(str(path), "", content)
@@ -75,7 +96,7 @@ class ConfigSection:
     def number(self, name: str, minimum: float = -math.inf, above: float = -math.inf) -> float:
         """Return a finite number, at least `minimum` and greater than `above`."""
         value = self._take(name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not _is_finite(value):
             raise self.error(name, "must be a finite number")
         if value < minimum:
             raise self.error(name, f"must be at least {minimum:g}")
@@ -126,7 +147,7 @@ class ConfigSection:
         value = self._take(name)
         try:
             array = np.array(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise self.error(name, f"must be numbers of shape {shape}") from None
         if array.shape != shape or not np.isfinite(array).all():
             raise self.error(name, f"must be finite numbers of shape {shape}")
@@ -171,3 +192,10 @@ class ConfigSection:
             raise configuration_error(self.source, self.key(name), None, "is missing")
         self._taken.add(name)
         return self._content[name]
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number that is too large
+        return False

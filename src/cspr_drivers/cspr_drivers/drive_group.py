@@ -241,6 +241,10 @@ class DriveGroup:
         """Names of the drives that are in operation, or on the way there."""
         return tuple(self._drives[index].name for index in sorted(self._members))
 
+    def operates(self, index: int) -> bool:
+        """Return whether a drive follows its torque, its brake open."""
+        return self._state is GroupState.ENABLED and index in self._running
+
     def settled(self, index: int) -> bool:
         """Return whether a drive is where it shall be, so that its control word need not be repeated."""
         state = self._drives[index].state
@@ -280,6 +284,13 @@ class DriveGroup:
 
     def _silent(self, index: int, time: float) -> bool:
         return time - self._heard[index] > self._timeouts.feedback
+
+    def _silent_ones(self, time: float) -> str:
+        """Return the names of the drives that have fallen silent, too late by now for those that just have."""
+        silent = [k for k in self._everyone if time - self._heard[k] > 0.5 * self._timeouts.feedback]
+        if len(silent) == len(self._drives):
+            return "all drives"
+        return ", ".join(self._drives[k].name for k in sorted(silent))
 
     def _present(self, time: float) -> frozenset[int]:
         """Return the drives that can be used and report their state."""
@@ -331,7 +342,7 @@ class DriveGroup:
             if drive.state in _FAULTY:
                 return drive.describe()
             if self._silent(index, time):
-                return f"{drive.name}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
+                return f"{self._silent_ones(time)}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
         # The torque stays what it was until the brakes hold: commands to drives that stop are not needed any more.
         if stale := self._without_command(time, self._members):
             limit = 1e3 * self._timeouts.command

@@ -34,6 +34,7 @@ from cspr_drivers.frame_table import (
 from cspr_drivers.home_position import store_home, with_home
 from cspr_drivers.motor_speed import PositionDifference
 from cspr_drivers.torque_frames import torque_frames
+from cspr_drivers.torque_watch import TorqueWatch
 
 _HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
 
@@ -87,6 +88,7 @@ class DriveMaster:
         self._published_stamp = 0
         self._command_stamps = [0] * count
         self._frames = torque_frames(config, ports)
+        self._torque_watch = TorqueWatch(count, config.torque_check)
         self._rejected = 0
         self._last_rejection = ""
         tpdo = config.pdo.drive_tpdo
@@ -205,6 +207,7 @@ class DriveMaster:
                 return  # the torque stays what it was when the fault came, until the brakes hold
             frame = self._frames[index]
             frame.torque = self._config.drives[index].units.per_mille(torque)
+            self._torque_watch.told(index, torque)
             if frame.send(self._group.control_words[index], self._cycle_end):
                 self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=clock.monotonic())
 
@@ -313,6 +316,9 @@ class DriveMaster:
             self._postponed += 1
         else:
             self._ports.send_sync()
+            for port in self._ports:
+                if port.failure:
+                    self._bus_failed(port.name, port.failure)
         if now >= self._heartbeat_due:
             self._heartbeat_due = now + self._config.timeouts.heartbeat_producer
             for port in self._ports:
@@ -356,7 +362,10 @@ class DriveMaster:
             if self._cycle.is_late(index):
                 return
             self._angles[index] = units.angle(values[self._position_place])
-            self._torques[index] = units.torque(values[self._torque_place])
+            self._torques[index] = torque = units.torque(values[self._torque_place])
+            problem = self._torque_watch.answered(index, torque, now, self._group.operates(index))
+            if problem:
+                self._group.quick_stop(f"{self._config.drives[index].name} {problem}", now)
             if not self._cycle.feedback(index, now):
                 return
             states = self._complete()

@@ -17,6 +17,8 @@ from typing import Any
 import can
 from can.interfaces.socketcan import SocketcanBus
 
+from cspr_drivers import clock
+
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame of linux/can.h
 _TIMESTAMP = struct.Struct("@ll")  # struct timespec
 _COUNT = struct.Struct("=I")
@@ -34,7 +36,7 @@ _STANDARD_ID, _ANY_ID = 0x7FF, 0x1FFF_FFFF
 RECEIVE_BUFFER = 8 << 20  # bytes
 
 # The interface is gone for this socket: another one has its name now, or none.
-_GONE = (errno.ENODEV, errno.ENXIO)
+GONE = (errno.ENODEV, errno.ENXIO)
 
 _ANCILLARY = socket.CMSG_SPACE(_TIMESTAMP.size) + socket.CMSG_SPACE(_COUNT.size)
 
@@ -87,6 +89,9 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
             filters = [{"can_id": identifier, "can_mask": mask} for identifier in sorted(cob_ids)]
         super().__init__(channel=channel, can_filters=filters)
         self.dropped_frames = 0
+        self._gone = (
+            False  # the interface was removed; the receiving thread takes up the next one of its name
+        )
         self._set_options()
 
     def _set_options(self) -> None:
@@ -113,23 +118,26 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
         try:
             self.socket.send(_FRAME.pack(identifier, msg.dlc, bytes(msg.data)), socket.MSG_DONTWAIT)
         except OSError as error:
+            self._gone = self._gone or error.errno in GONE
             raise can.CanOperationError(error.strerror or str(error), error.errno) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        # The kernel tells once that an interface is gone, and it tells whoever asks first: sender or receiver.
+        if self._gone:
+            self._open_again()
         try:
             if not select.select([self.socket], [], [], timeout)[0]:
                 return None, True
             data, ancillary, _, _ = self.socket.recvmsg(_FRAME.size, _ANCILLARY)
         except OSError as error:
-            if error.errno in _GONE:
-                self._open_again()
+            self._gone = self._gone or error.errno in GONE
             raise can.CanOperationError(error.strerror or str(error), error.errno) from error
         identifier, length, content = _FRAME.unpack(data)
         timestamp = 0.0
         for _level, kind, value in ancillary:
             if kind == _SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIMESTAMP.unpack_from(value)
-                timestamp = seconds + 1e-9 * nanoseconds
+                timestamp = clock.of_computer(seconds + 1e-9 * nanoseconds)
             elif kind == _SO_RXQ_OVFL:
                 (self.dropped_frames,) = _COUNT.unpack_from(value)
         extended = bool(identifier & _EXTENDED)
@@ -153,6 +161,7 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
             fresh.shutdown()
             old.close()
             self._set_options()
+            self._gone = False
 
 
 def error_frame_text(message: can.Message) -> str:

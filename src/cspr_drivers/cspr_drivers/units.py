@@ -8,7 +8,7 @@ here, so that driver and emulated device cannot disagree about scale or sign.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class DriveUnits:
         Torque that the drive calls 1000, N m.
     torque_limit
         Largest torque at the motor shaft, N m.
+    max_torque
+        Torque limit in thousandths of the rated torque, rounded down (6072h).
     """
 
     polarity: int
@@ -34,12 +36,12 @@ class DriveUnits:
     home_counts: int
     rated_torque: float
     torque_limit: float
+    max_torque: int = field(init=False)
 
-    @property
-    def max_torque(self) -> int:
-        """Torque limit in thousandths of the rated torque, rounded down (6072h)."""
+    def __post_init__(self) -> None:
         # The small excess keeps 1500 from becoming 1499 by a rounding error of the division.
-        return math.floor(1000.0 * self.torque_limit / self.rated_torque * (1.0 + 1e-12))
+        limit = math.floor(1000.0 * self.torque_limit / self.rated_torque * (1.0 + 1e-12))
+        object.__setattr__(self, "max_torque", limit)
 
     def angle(self, counts: int) -> float:
         """Return the motor angle, rad, at a position value."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,23 @@ import yaml
 
 from .arrays import FloatArray
 from .errors import InvalidInputError, RobotFileError
+
+
+class _UniqueKeys(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
+    """Refuses a key that a mapping has twice (YAML 1.2.2, section 3.2.1.3); PyYAML alone would take the last."""
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {key.value} stands there twice", problem_mark=key.start_mark
+                )
+            seen.add(key.value)
+        return node
 
 
 def read_yaml(path: str | Path) -> object:
@@ -25,7 +41,7 @@ def read_yaml(path: str | Path) -> object:
     source = str(path)
     try:
         with open(path, encoding="utf-8") as stream:
-            content: object = yaml.safe_load(stream)
+            content: object = yaml.load(stream, _UniqueKeys)
     except OSError as error:
         raise RobotFileError(
             source,
@@ -33,7 +49,7 @@ def read_yaml(path: str | Path) -> object:
             None,
             f"cannot be read ({error.strerror}); give the robot's file with -p robot_config:=PATH",
         ) from error
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: dates and numbers that are none, or too long
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # no text, no number, no end of brackets
         raise RobotFileError(source, None, None, f"not a YAML file: {error}") from error
     return content
 
@@ -147,9 +163,9 @@ class Section:
             raise self.error(key, value, f"must be a number{hint}")
         try:
             number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
+        except OverflowError:  # a whole number that is too large
+            number = np.inf
+        if not np.isfinite(number):
             raise self.error(key, value, "must be finite")
         return number
 

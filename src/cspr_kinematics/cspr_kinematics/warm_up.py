@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from time import perf_counter
 
+from .dynamics import balance_regressor, static_wrench
 from .feedforward_tensions import feedforward_tensions
 from .forward_kinematics import forward_kinematics
 from .inverse_kinematics import inverse_kinematics
@@ -35,7 +36,10 @@ def main() -> int:
         print("usage: python -m cspr_kinematics.warm_up ROBOT_FILE", file=sys.stderr)
         return 2
     start = perf_counter()
-    warm_up(Robot.from_yaml(sys.argv[1]))
+    robot = Robot.from_yaml(sys.argv[1])
+    warm_up(robot)
+    static_wrench(robot, robot.home)  # these two are asked for when a run is analysed
+    balance_regressor(robot.home, Twist.zero(), Acceleration.zero())
     print(f"kernels of cspr_kinematics are ready ({perf_counter() - start:.1f} s)")
     return 0
 

@@ -3,7 +3,9 @@
 Everything here waits for the disk; :mod:`cspr_msgs_py.bag_writer` keeps that away from who receives messages.
 """
 
+import errno
 import os
+import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -117,7 +119,9 @@ class BagFile:
             self._write_metadata()
         except OSError as error:
             self.abandon()
-            raise BagError(f"cannot write bag {self.directory}: {error.strerror}") from error
+            shutil.rmtree(self.directory, ignore_errors=True)  # nothing is in it, and it would be in the way
+            needed = f"; at least {_RESERVE // 2**20} MB are needed" if error.errno == errno.ENOSPC else ""
+            raise BagError(f"cannot write bag {self.directory}: {error.strerror}{needed}") from error
 
     @property
     def path(self) -> Path:

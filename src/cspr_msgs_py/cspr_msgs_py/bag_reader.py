@@ -385,7 +385,9 @@ def _files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
             counts[topic["topic_metadata"]["name"]] = int(topic["message_count"])
     except FileNotFoundError:  # what a recording leaves that was cut off at its very start
         pass
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except KeyError as error:
+        raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: it lacks {error}") from error
+    except (OSError, yaml.YAMLError, TypeError, ValueError) as error:
         raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: {error}") from error
     if mode == "file":  # depending on its version rosbag2 lists the files without what compression appends
         names = [_compressed(name) for name in names]
@@ -393,7 +395,8 @@ def _files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
     named = {name.name for name in names}
     names += [file for file in sorted(path.glob("*.mcap"), key=_number) if file.name not in named]
     if not names:
-        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file")
+        hint = f"; perhaps {path / 'bag'} is meant" if (path / "bag").is_dir() else ""
+        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file{hint}")
     return names, mode == "message", counts
 
 

@@ -333,7 +333,10 @@ class McapFile:
         size, number = len(self._data), self.counts.total()
         parts = [f"bytes {first} to {last} are damaged" for first, last in gaps]
         if end is not None:
-            parts.append(f"was cut off: the last {size - end} of its {size} bytes are lost")
+            lost = (
+                f"the last {size - end} of its {size} bytes are lost" if end < size else "its end is missing"
+            )
+            parts.append(f"was cut off: {lost}")
         return f"{self.path} {'; '.join(parts)}; {number} messages can be read"
 
 

@@ -1,12 +1,13 @@
 """Message classes by name, and the definition text (``ros2msg``) that a bag carries for its readers.
 
-The text is rebuilt from the Python classes of the message packages, because these are there wherever rclpy
-is, while the ``.msg`` files are not part of every installation. Constants, comments and default values,
-which do not concern the bytes of a message, are left out.
+The text is that of the ``.msg`` files, with their comments and constants: viewers show the name of a constant in
+place of its number. These files are not part of every installation; without them the text is rebuilt from the Python
+class, which knows all that concerns the bytes of a message.
 """
 
 import importlib
 import re
+from pathlib import Path
 from typing import Any
 
 from cspr_msgs_py.errors import MessageError
@@ -53,17 +54,32 @@ def message_definition(type_name: str) -> str:
     sections: list[str] = []
     while pending:
         current = pending.pop(0)
-        lines = []
-        for field, kind in message_class(current).get_fields_and_field_types().items():
-            text, nested = _field_type(kind)
-            lines.append(f"{text} {field}\n")
+        fields = {
+            name: _field_type(kind)
+            for name, kind in message_class(current).get_fields_and_field_types().items()
+        }
+        for _, nested in fields.values():
             if nested is not None and nested not in seen:
                 seen.add(nested)
                 pending.append(nested)
         package, _, name = current.split("/")
+        file = definition_file(package, name)
+        if file is not None:
+            text = file.read_text(encoding="utf-8").rstrip() + "\n"
+        else:
+            text = "".join(f"{kind} {field}\n" for field, (kind, _) in fields.items())
         header = f"{_SEPARATOR}\nMSG: {package}/{name}\n" if sections else ""
-        sections.append(header + "".join(lines))
+        sections.append(header + text)
     return "".join(sections)
+
+
+def definition_file(package: str, name: str) -> Path | None:
+    """Return the ``.msg`` file of a message, in the share directory of the prefix that its package is installed in."""
+    module = importlib.import_module(package)
+    places = (
+        parent / "share" / package / "msg" / f"{name}.msg" for parent in Path(str(module.__file__)).parents
+    )
+    return next((place for place in places if place.is_file()), None)
 
 
 def _field_type(kind: str) -> tuple[str, str | None]:

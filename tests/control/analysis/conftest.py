@@ -61,6 +61,8 @@ class Scenario:
         robot.yaml that is attached; None for no attachment. The recorded motion is always the shipped robot's.
     slowness
         Seconds on the recorder's clock for one of the robot's.
+    silent_cells
+        How long the load cells say nothing at the start and at the end of the recording, s.
     finished
         False to leave the bag as a power failure would.
     """
@@ -72,6 +74,7 @@ class Scenario:
     control_text: str = (CONFIG / "control.yaml").read_text(encoding="utf-8")
     model: str = "dynamic"
     slowness: float = 1.0
+    silent_cells: float = 0.0
     finished: bool = True
     fault: bool = False
 
@@ -168,6 +171,7 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
     command = [JointStateCodec((name,), position=False, velocity=False) for name in topics.motor_names(8)]
     cells = JointStateCodec(topics.cable_names(8), position=False, velocity=False)
     reference = ReferenceCodec()
+    silent = round(scenario.silent_cells * 250)
     for k, stamp in enumerate(stamps.tolist()):
         put(topics.SETPOINT.name, stamp, states.encode(stamp, angles[k], speeds[k], torques[k]))
         data = states.encode(stamp, angles[k] - POSITION_ERROR, speeds[k] - VELOCITY_ERROR, torques[k])
@@ -178,7 +182,9 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
             data = command[motor].encode(stamp, effort=[torque])
             if not (motor == 4 and k == 400):  # motor 5 leaves one state unanswered
                 put(topics.motor_command(motor + 1).name, stamp, data)
-        put(topics.CABLE_TENSIONS.name, stamp, cells.encode(stamp, effort=tensions[k] + TENSION_ERROR))
+        if silent <= k < len(stamps) - silent:
+            data = cells.encode(stamp, effort=tensions[k] + TENSION_ERROR)
+            put(topics.CABLE_TENSIONS.name, stamp, data)
         sample = ReferenceSample(
             stamp, float(seconds[k]), pose.position[k], np.array([0.0, 0.0, 0.0, 1.0]), twist.linear[k],
             twist.angular[k], acceleration.linear[k], acceleration.angular[k],

@@ -8,11 +8,22 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from mpl_toolkits.mplot3d import Axes3D
 
+from cspr_control.analysis import figures
+from cspr_control.analysis.cycles import cycle_bins
 from cspr_control.analysis.error_statistics import ErrorStatistics
 from cspr_control.analysis.figures import payload_change, save_figures
-from cspr_control.analysis.paper_figures import deviation_figure, motor_error_figure, payload_change_figure
-from cspr_control.analysis.run_analysis import RunAnalysis
+from cspr_control.analysis.paper_figures import (
+    deviation_figure,
+    motor_error_figure,
+    motor_error_over_time_figure,
+    payload_change_figure,
+)
+from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 from cspr_control.analysis.style import COLOURS, controller_title, house_style, motor_line, save_figure
 
 ONE_RUN = {
@@ -81,6 +92,86 @@ def test_every_figure_of_a_run_as_png_and_svg(run: RunAnalysis, tmp_path: Path) 
         assert path.read_bytes().startswith(b"\x89PNG")
         assert path.stat().st_size > 5_000
         assert ElementTree.parse(path.with_suffix(".svg")).getroot().tag.endswith("svg")
+
+
+def texts_that_overlap(figure: Figure) -> list[tuple[str, str]]:
+    """Return pairs of texts in a figure that lie on one another by more than a pixel."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    hidden = {
+        tick.label1
+        for axes in figure.axes
+        if not isinstance(axes, Axes3D)
+        for axis in (axes.xaxis, axes.yaxis)
+        for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
+        if not min(axis.get_view_interval()) - 1e-9 <= tick.get_loc() <= max(axis.get_view_interval()) + 1e-9
+    }
+    shown = [
+        (text.get_text(), text.get_window_extent(canvas.get_renderer()).padded(-1.0))
+        for text in figure.findobj(Text)
+        if text.get_text().strip() and text.get_visible() and text not in hidden
+    ]
+    return [(a, b) for (a, one), (b, other) in itertools.combinations(shown, 2) if one.overlaps(other)]
+
+
+def test_no_text_lies_on_another(
+    run: RunAnalysis, recorded_bag: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    found: dict[str, list[tuple[str, str]]] = {}
+
+    def look(figure: Figure, directory: Path, name: str) -> tuple[Path, Path]:
+        found[name] = texts_that_overlap(figure)
+        return directory / name, directory / name
+
+    monkeypatch.setattr(figures, "save_figure", look)
+    save_figures([run], tmp_path)
+    save_figures(analyse_bags([recorded_bag, recorded_bag], ["kp 2", "kp 4"]), tmp_path)
+    assert found.keys() > ONE_RUN
+    assert {name: texts for name, texts in found.items() if texts} == {}
+
+
+def test_overlapping_texts_are_noticed() -> None:
+    figure = Figure()
+    for x in (0.5, 0.52):
+        figure.text(x, 0.5, "a word")
+    assert texts_that_overlap(figure) == [("a word", "a word")]
+
+
+def test_a_change_of_the_load_is_named_where_it_is_marked(run: RunAnalysis) -> None:
+    (time, text), *others = run.load_changes().items()
+    assert (time, text, others) == (pytest.approx(2.0, abs=0.03), "+50 kg", [])
+
+
+def test_controllers_that_do_the_same_can_both_be_seen() -> None:
+    names = ("pd", "static", "pdff", "pdff-mass", "pdff (exact mass)")
+    time = np.arange(0.0, 5.0, 0.1)
+    (axis,) = motor_error_over_time_figure({"100 kg": dict.fromkeys(names, (time, time))}).axes
+    styles = [line.get_linestyle() for line in axis.lines]
+    assert styles == ["-", "-", "--", "-", "--"]
+
+
+def test_a_change_is_marked_in_the_panels_of_those_runs_alone_that_had_it() -> None:
+    time = np.arange(0.0, 5.0, 0.1)
+    errors = {load: {"static": (time, np.sin(time))} for load in ("100 kg", "100, then 200 kg")}
+    constant, changed = motor_error_over_time_figure(errors, 3, {"100, then 200 kg": {3.0: "+100 kg"}}).axes
+    assert [text.get_text() for text in changed.texts] == [" +100 kg"]
+    assert not constant.texts
+    assert len(changed.lines) == len(constant.lines) + 1
+
+
+@pytest.mark.parametrize(
+    ("longest", "most", "width"),
+    [(0.0125, 120, 0.0002), (0.0458, 80, 0.001), (0.0041, 80, 0.0001), (3.0, 80, 0.05), (0.0, 80, 2e-8)],
+)
+def test_usual_periods_lie_in_the_middle_of_a_bin(longest: float, most: int, width: float) -> None:
+    edges = cycle_bins(longest, most)
+    assert len(edges) - 1 <= most
+    np.testing.assert_allclose(np.diff(edges), width)
+    assert edges[-1] > longest
+    for period in (0.002, 0.004):
+        if width < period < longest:
+            counts, _ = np.histogram(period + np.array([-0.4, 0.0, 0.4]) * width, edges)
+            assert sorted(counts)[-1] == 3
 
 
 def test_figure_10_ends_where_the_acceleration_does(run: RunAnalysis) -> None:

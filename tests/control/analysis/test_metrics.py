@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
-from cspr_control.analysis.tables import format_runs
+from cspr_control.analysis.tables import format_runs, row_texts
 from cspr_kinematics import Payload, kinetic_energy, potential_energy
 
 from .conftest import CONFIG, POSITION_ERROR, TENSION_ERROR, Motion
@@ -125,6 +125,20 @@ def test_tables_hold_every_number_of_every_run(run: RunAnalysis) -> None:
         assert words in text
     assert " nan" not in text
     assert max(map(len, format_runs([run]).splitlines())) <= 120
+
+
+@pytest.mark.parametrize(
+    ("values", "texts"),
+    [
+        ([22.9, 17.0, 1.96], ["22.9", "17.0", "2.0"]),
+        ([0.741, 0.7, 0.0], ["0.741", "0.700", "0.000"]),
+        ([13573.2, -56.0, np.nan], ["13573", "-56", "-"]),
+        ([1e-14, -1e-15], ["0", "0"]),
+        ([250.0, -0.2], ["250", "0"]),
+    ],
+)
+def test_the_numbers_of_a_row_have_the_same_decimals(values: list[float], texts: list[str]) -> None:
+    assert row_texts(np.array(values)) == texts
 
 
 def test_errors_by_load(run: RunAnalysis) -> None:

@@ -189,6 +189,21 @@ def test_two_runs_side_by_side(
     assert browser.troubles == []
 
 
+def test_times_without_tensions_show_as_well(
+    browser: Browser, record: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Load cells that are silent at first, and again at the end."""
+    runs = analyse_bags([record(silent_cells=0.3)], configuration_directory=CONFIG)
+    write_report(runs, tmp_path / "silent.html")
+    browser.troubles.clear()
+    browser.open(tmp_path / "silent.html")
+    for place in ("page.whole[0]", "page.whole[1]", "0.5"):
+        browser.evaluate(f"page.setTime({place})")
+        known = browser.evaluate("page.scenes[0].tensions.every(Number.isFinite)")
+        assert known is (place == "0.5")
+    assert browser.troubles == []
+
+
 def test_a_run_that_lacks_nearly_everything_still_shows(
     browser: Browser, record: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -48,6 +48,7 @@ class NotedPlant:
         self.brake_closed = np.ones(count, dtype=bool)
         self.brake_share = np.ones(count)
         self.slipped = np.zeros(count)
+        self.caught = False
         self.cable_tensions = np.full(count, 600.0)
         self.torque_log: list[tuple[float, float]] = []  # time, torque of motor 0
 
@@ -73,6 +74,9 @@ class NotedPlant:
 
     def slip_cable(self, index: int, length: float) -> None:
         self.slipped[index] += length
+
+    def catch_platform(self, caught: bool) -> None:
+        self.caught = caught
 
     def motor_angles(self) -> np.ndarray:
         return self.angles.copy()

@@ -109,6 +109,37 @@ def test_cut_bus_keeps_frames_waiting(bus):
     assert through(bus, 1.1) == [(1000055, 0x080)]
 
 
+def test_a_controller_that_goes_off_the_bus_says_so_once_and_loses_what_it_is_given(bus):
+    bus.offer(frame(0x201, 4), "driver", 0.0)
+    bus.disturb(BusDisturbance.OFF)
+    assert bus.next_end() is not None
+    (told,) = bus.passed(1e-3)
+    assert told.frame.is_error_frame
+    assert told.frame.arbitration_id == 0x040  # CAN_ERR_BUSOFF of linux/can/error.h
+    bus.offer(frame(0x080), "driver", 2e-3)
+    assert bus.passed(3e-3) == []
+    assert bus.next_end() is None
+    bus.disturb(BusDisturbance.NONE)
+    bus.offer(frame(0x080), "driver", 4e-3)
+    assert through(bus, 5e-3) == [(4055, 0x080)]
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "code"),
+    [(BusDisturbance.DOWN, errno.ENETDOWN), (BusDisturbance.REMOVED, errno.ENXIO)],
+)
+def test_an_interface_that_is_not_there_refuses_frames_of_the_driver(bus, disturbance, code):
+    bus.disturb(disturbance)
+    with pytest.raises(can.CanOperationError) as caught:
+        bus.offer(frame(0x080), "driver", 0.0)
+    assert caught.value.error_code == code
+    bus.offer(frame(0x181, 8), "drive", 0.0)  # heard by nobody
+    assert bus.passed(1e-3) == []
+    bus.disturb(BusDisturbance.NONE)
+    bus.offer(frame(0x080), "driver", 2e-3)
+    assert through(bus, 3e-3) == [(2055, 0x080)]
+
+
 def test_babbling_node_lets_only_nmt_pass(bus):
     bus.disturb(BusDisturbance.BABBLING)
     bus.offer(frame(0x080), "driver", 0.0)

@@ -117,6 +117,19 @@ def test_weak_brake_and_slipping_cable(injector, desk):
     assert desk.plant.slipped[0] == pytest.approx(0.0)
 
 
+def test_a_platform_that_hangs_on_an_obstacle(injector, desk):
+    injector.inject(FaultOrder(InjectedFault.PLATFORM_CAUGHT))
+    assert desk.plant.caught
+    injector.clear()
+    assert not desk.plant.caught
+
+
+def test_the_kernels_buses_are_not_disturbed_from_here(desk):
+    injector = FaultInjector((desk.drive,), (), desk.machine, {})
+    with pytest.raises(DriverError, match="bus_cut: only the simulated buses of one process"):
+        injector.read("bus_cut main")
+
+
 @pytest.mark.parametrize("fault", [f for f in InjectedFault if f.target is FaultTarget.BUS])
 def test_faults_of_a_bus(injector, bus, fault):
     injector.inject(FaultOrder(fault, "main"))

@@ -169,6 +169,21 @@ def test_a_cable_that_slips_on_its_drum_goes_slack(config) -> None:
     assert plant.tensions()[0] > 100.0
 
 
+def test_a_platform_that_is_caught_stays_whatever_pulls_at_it(config) -> None:
+    plant = Plant(carrying(config, 0.0))
+    plant.advance(0.2)
+    before = plant.platform_position()
+    plant.catch_platform(True)
+    plant.slip_cable(0, -0.01)
+    plant.advance(0.7)
+    caught = plant.platform_position()
+    assert np.linalg.norm(caught - before) < 1e-3
+    assert plant.tensions().max() > 1500.0  # 10 mm of 1.2 MN over some 5 m, and some of it turns the platform
+    plant.catch_platform(False)
+    plant.advance(1.2)
+    assert np.linalg.norm(plant.platform_position() - before) > 2e-3
+
+
 def test_torque_is_limited_to_the_motor(config: SimulationConfig) -> None:
     plant = Plant(config)
     plant.set_torque(0, -1e3)

@@ -9,7 +9,7 @@ from cspr_drivers.can_bus import QuickVirtualBus
 from cspr_drivers.simulation.bus_timing import BABBLING_COB_ID, BusDisturbance
 from cspr_drivers.simulation.timed_bus import TimedBus
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 US = 1e-6
 
 
@@ -119,3 +119,22 @@ def test_a_full_transmit_queue_is_an_error_of_the_sender(ends):
         ends.driver.send(frame(0x201, 4))
     with pytest.raises(can.CanOperationError, match="buffer full"):
         ends.driver.send(frame(0x201, 4))
+
+
+def test_the_driver_hears_that_its_controller_is_off_the_bus(ends):
+    ends.devices.disturb(BusDisturbance.OFF)
+    (told,) = ends.receive(1)
+    assert told.is_error_frame
+    assert told.arbitration_id & 0x040
+    ends.devices.disturb(BusDisturbance.NONE)
+    ends.driver.send(frame(0x080))
+    assert len(ends.receive(8)) == 8
+
+
+def test_the_driver_cannot_send_through_an_interface_that_is_down(ends):
+    ends.devices.disturb(BusDisturbance.DOWN)
+    with pytest.raises(can.CanOperationError, match="Network is down"):
+        ends.driver.send(frame(0x080))
+    ends.devices.disturb(BusDisturbance.NONE)
+    ends.driver.send(frame(0x080))
+    assert len(ends.receive(8)) == 8

@@ -15,6 +15,7 @@ from cspr_control.analysis.timeline import Status
 Floats = NDArray[np.float64]
 
 _DRIVER = "can_drives"
+_STEPS = (1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True)
@@ -102,3 +103,28 @@ def _cycles(values: Mapping[str, str]) -> tuple[int, int]:
         values.get("skipped_sync", "0")
     )  # a SYNC that was left out is a cycle that was missed as well
     return int(values["cycles"]) + skipped, int(values["missed_cycles"]) + skipped
+
+
+def cycle_bins(longest: float, most: int) -> Floats:
+    """Return the edges of a histogram's bins: at most so many of one width, each around a multiple of it.
+
+    The width is 1, 2 or 5 times a power of ten: so the usual periods lie in the middle of a bin, and what is scattered
+    around them is not torn in two.
+
+    Parameters
+    ----------
+    longest
+        What must have a place in the last bin, s.
+    most
+        Number of bins.
+
+    Returns
+    -------
+    ndarray, shape (k + 1,)
+        From half a width below zero on, s.
+    """
+    least = max(longest, 1e-6) / max(most - 1, 1)
+    power = 10.0 ** math.floor(math.log10(least))
+    width = next(step * power for step in (*_STEPS, 10.0) if step * power >= least * (1.0 - 1e-9))
+    bins: Floats = width * (np.arange(math.floor(longest / width + 0.5) + 2.0) - 0.5)
+    return bins

@@ -173,14 +173,15 @@ def _errors_by_load(runs: Sequence[RunAnalysis]) -> Figure | None:
 
 def _error_over_time(runs: Sequence[RunAnalysis]) -> Figure | None:
     panels: dict[str, dict[str, tuple[Floats, Floats]]] = {}
-    changes: tuple[float, ...] = ()
+    changes: dict[str, dict[float, str]] = {}
     for run in runs:
         if run.errors is not None and run.errors.position.shape[1] >= MOTOR_OF_FIGURE_12:
             error = np.degrees(run.errors.position[:, [MOTOR_OF_FIGURE_12 - 1]])
             time, values = _judged(run, run.errors.time_ns, error)
             if time.size:
-                panels.setdefault(run.load_text(), {})[run.name] = (time, values[:, 0])
-                changes = changes or run.load_changes()
+                panel = run.load_text()
+                panels.setdefault(panel, {})[run.name] = (time, values[:, 0])
+                changes.setdefault(panel, run.load_changes())
     return paper_figures.motor_error_over_time_figure(panels, MOTOR_OF_FIGURE_12, changes) if panels else None
 
 

@@ -20,7 +20,7 @@ from cspr_control.analysis.style import (
     EVENT_COLOUR,
     REFERENCE_COLOUR,
     WIDTH,
-    controller_colour,
+    controller_line,
     controller_title,
     motor_line,
 )
@@ -56,12 +56,17 @@ def trajectory_figure(
         space.plot(*measured[1].T, color=COLOURS[0], linewidth=0.9, label="measured")
         space.legend(loc="upper left")
     space.scatter(*position[0], color=COLOURS[2], s=24)
-    space.text(*position[0], "  start", fontsize=8)
     space.set(xlabel="x, m", ylabel="y, m", zlabel="z, m", title=title)
     space.tick_params(labelsize=7)
-    space.locator_params(nbins=5)
-    space.locator_params(axis="z", nbins=3)
-    span = np.maximum(np.ptp(position, axis=0), 0.1)
+    space.xaxis.labelpad = space.yaxis.labelpad = 9
+    span = np.maximum(1.05 * np.ptp(position, axis=0), 0.1)
+    span = np.maximum(span, 0.2 * span.max())  # a thin box would have no room for its numbers
+    middle = (position.min(axis=0) + position.max(axis=0)) / 2.0
+    raised = position[0] + [0.0, 0.0, 0.12 * span[2]]
+    space.text(*raised, "start", fontsize=8, ha="center", va="bottom")
+    for name, low, high in zip("xyz", middle - span / 2.0, middle + span / 2.0, strict=True):
+        space.set(**{f"{name}lim": (low, high)})
+        space.locator_params(axis=name, nbins=max(2, round(5.0 * (high - low) / span.max())))
     space.set_box_aspect(span / span.max(), zoom=0.78)
     axes = np.atleast_1d(right.subplots(2 if turns else 1, 1, sharex=True))
     _draw_coordinates(axes[0], time, position, measured)
@@ -92,7 +97,7 @@ def tension_figure(
     dynamic: Floats,
     static: Floats,
     title: str = "Dynamic model",
-    changes: tuple[float, ...] = (),
+    changes: Mapping[float, str] | None = None,
 ) -> Figure:
     """Fig. 8: tension of each cable by the dynamic model, and its deviation from the static model.
 
@@ -103,7 +108,7 @@ def tension_figure(
     dynamic, static
         Tensions (n, m) by the two models, N.
     changes
-        Times at which the payload changes, s; marked.
+        When the payload changes, s, and how, such as ``+100 kg``.
     """
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
@@ -111,8 +116,8 @@ def tension_figure(
     draw_cables(below, time, dynamic - static, label=False)
     above.set(ylabel="tension, N", title=title)
     below.set(ylabel="tension, N", xlabel="time, s", title="Deviation, dynamic less static model")
-    for axis in (above, below):
-        mark_times(axis, changes)
+    mark_times(above, changes)
+    mark_times(below, changes, label=False)
     return figure
 
 
@@ -154,7 +159,7 @@ def payload_change_figure(
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     left.plot(time, deviation, color=COLOURS[0])
     left.set(xlabel="time, s", ylabel="tension, N", title=f"Cable {cable}: dynamic less static model")
-    mark_times(left, (change_time,), unit_change)
+    mark_times(left, {change_time: unit_change})
     before, after = (
         ErrorStatistics.of(deviation[part, None]) for part in (time < change_time, time >= change_time)
     )
@@ -205,7 +210,9 @@ def motor_error_figure(errors: Mapping[str, Mapping[float, Floats]]) -> Figure:
 
 
 def motor_error_over_time_figure(
-    errors: Mapping[str, Mapping[str, tuple[Floats, Floats]]], motor: int = 3, changes: tuple[float, ...] = ()
+    errors: Mapping[str, Mapping[str, tuple[Floats, Floats]]],
+    motor: int = 3,
+    changes: Mapping[str, Mapping[float, str]] | None = None,
 ) -> Figure:
     """Fig. 12: position error of one motor over time, a panel a load, a line a controller.
 
@@ -216,7 +223,7 @@ def motor_error_over_time_figure(
     motor
         Its number, counted from 1.
     changes
-        Times to mark, s.
+        By title of the panel: when something changes there, s, and what, such as ``+100 kg``.
     """
     rows = len(errors)
     figure = Figure(figsize=(WIDTH, 0.7 + 1.9 * rows), layout="constrained")
@@ -225,10 +232,10 @@ def motor_error_over_time_figure(
     handles: dict[str, Any] = {}
     for axis, (title, panel) in zip(axes, errors.items(), strict=True):
         for controller, (time, error) in panel.items():
-            colour = controller_colour(controller, known.index(controller))
-            (handles[controller],) = axis.plot(time, error, color=colour, label=controller_title(controller))
+            line = controller_line(controller, known.index(controller))
+            (handles[controller],) = axis.plot(time, error, label=controller_title(controller), **line)
         axis.set(ylabel="error, deg", title=f"Motor {motor} position error, {title}")
-        mark_times(axis, changes)
+        mark_times(axis, (changes or {}).get(title))
     axes[-1].set(xlabel="time, s")
     figure.legend(
         list(handles.values()), [controller_title(name) for name in handles],
@@ -261,11 +268,11 @@ def draw_bars(
     axis.grid(axis="x", visible=False)
 
 
-def mark_times(axis: Any, times: tuple[float, ...], text: str = "") -> None:
-    """Mark moments with vertical lines."""
-    for time in times:
+def mark_times(axis: Any, changes: Mapping[float, str] | None, label: bool = True) -> None:
+    """Mark moments (s) with vertical lines, and their texts beside them."""
+    for time, text in (changes or {}).items():
         axis.axvline(time, color=EVENT_COLOUR, linestyle=":", linewidth=1.1)
-        if text:
+        if label:
             axis.annotate(
                 f" {text}",
                 (time, 1.0),

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.configuration import describe, differences
-from cspr_control.analysis.cycles import cycle_periods
+from cspr_control.analysis.cycles import cycle_bins, cycle_periods
 from cspr_control.analysis.decimation import envelope
 from cspr_control.analysis.error_statistics import ErrorStatistics
 from cspr_control.analysis.figures import CABLE_OF_FIGURE_10, payload_change
 from cspr_control.analysis.packing import Packer
 from cspr_control.analysis.run_analysis import RunAnalysis
-from cspr_control.analysis.style import COLOURS, controller_colour, controller_title
-from cspr_control.analysis.tables import motor_rows, summary_rows
+from cspr_control.analysis.style import COLOURS, DASHED_CONTROLLERS, controller_colour, controller_title
+from cspr_control.analysis.tables import motor_rows, row_texts, summary_rows
 from cspr_control.analysis.timeline import Event, EventKind
 from cspr_control.tension_colours import TENSION_COLOURS
 
@@ -34,7 +34,6 @@ _SAMPLES: Final = 32_000
 
 _POSES: Final = 6_000  # of a run: every 10th of a second of ten minutes
 _BINS: Final = 80  # of the histogram of cycles, at most
-_BIN_WIDTHS: Final = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0)  # ms
 _PARTS: Final = ("data.js", "plot.js", "scene.js", "report.js")
 
 
@@ -95,7 +94,7 @@ def _description(runs: Sequence[RunAnalysis], packer: Packer) -> dict[str, Any]:
         },
         "summary": [[name, texts] for name, texts in summary_rows(runs)],
         "by_motor": [
-            [name if len(runs) == 1 else f"{controller_title(run.name)}: {name}", _plain(values)]
+            [name if len(runs) == 1 else f"{controller_title(run.name)}: {name}", row_texts(values)]
             for run in runs
             for name, values in motor_rows(run)
         ],
@@ -114,6 +113,7 @@ def _run(run: RunAnalysis, index: int, packer: Packer, limit: int) -> dict[str, 
     return {
         "title": controller_title(run.name),
         "color": controller_colour(run.name, index),
+        "dashed": run.name in DASHED_CONTROLLERS,
         "remarks": run.remarks,
         "states": [
             {"start": seconds(span.start_ns), "end": seconds(span.end_ns), "name": span.name}
@@ -227,14 +227,15 @@ def _change(run: RunAnalysis) -> dict[str, Any] | None:
 
 
 def _cycles(run: RunAnalysis) -> dict[str, Any] | None:
-    periods = 1e3 * cycle_periods(run.recording)
+    periods = cycle_periods(run.recording)
     if periods.size == 0:
         return None
-    longest = float(periods.max())
-    width = next((w for w in _BIN_WIDTHS if longest / w <= _BINS), longest / _BINS)
-    edges = width * np.arange(math.floor(longest / width) + 2)
-    counts, _ = np.histogram(periods, edges)
-    return {"edges": [f"{edge:.4g}" for edge in edges[:-1]], "counts": counts.tolist()}
+    edges = 1e3 * cycle_bins(float(periods.max()), _BINS)
+    counts, _ = np.histogram(1e3 * periods, edges)
+    return {
+        "centers": [f"{center:.4g}" for center in (edges[:-1] + edges[1:]) / 2],
+        "counts": counts.tolist(),
+    }
 
 
 def _configuration_differences(runs: Sequence[RunAnalysis]) -> list[str]:

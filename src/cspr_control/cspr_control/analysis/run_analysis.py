@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -51,9 +52,10 @@ class RunAnalysis:
         """The name as part of a file's name."""
         return re.sub(r"[^a-z0-9]+", "-", self.name.lower()).strip("-") or "run"
 
-    def load_changes(self) -> tuple[float, ...]:
-        """Return when the true payload changed on a trajectory, s."""
-        return tuple(time for time, _ in self.loads()[1:])
+    def load_changes(self) -> dict[float, str]:
+        """Return when the true payload changed on a trajectory, s, and how, such as ``+100 kg``."""
+        loads = self.loads()
+        return {time: f"{mass - before:+g} kg" for (_, before), (time, mass) in pairwise(loads)}
 
     def loads(self) -> tuple[tuple[float, float], ...]:
         """Return the payloads on the trajectories: since when, s, and how much, kg.

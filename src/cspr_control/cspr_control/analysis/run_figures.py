@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cspr_control.analysis.cycles import cycle_bins
 from cspr_control.analysis.paper_figures import draw_cables, mark_times
 from cspr_control.analysis.style import (
     EVENT_COLOUR,
@@ -23,9 +24,11 @@ from cspr_control.analysis.style import (
 
 Floats = NDArray[np.float64]
 
+_CYCLE_BINS = 120  # at most
+
 
 def measured_tensions_figure(
-    time: Floats, measured: Floats, predicted: Floats, changes: tuple[float, ...] = ()
+    time: Floats, measured: Floats, predicted: Floats, changes: Mapping[float, str] | None = None
 ) -> Figure:
     """Tension of each cable as measured and as the dynamic model predicts it, a panel a cable.
 
@@ -36,7 +39,7 @@ def measured_tensions_figure(
     measured, predicted
         (n, m), N.
     changes
-        Times at which the payload changes, s.
+        When the payload changes, s, and how, such as ``+100 kg``.
     """
     m = measured.shape[1]
     rows = -(-m // 2)
@@ -49,7 +52,7 @@ def measured_tensions_figure(
         (model,) = axis.plot(time, predicted[:, k], color="#444444", linewidth=0.9, linestyle="--")
         axis.set_title(f"cable {k + 1}", fontsize=8.5)
         axis.set_ylim(low, high)
-        mark_times(axis, changes)
+        mark_times(axis, changes, label=k < 2)
         if k == 0:
             figure.legend([line, model], ["measured", "dynamic model"], loc="outside lower center", ncols=2)
     for axis in axes[:, 0]:
@@ -108,7 +111,7 @@ def cable_lengths_figure(time: Floats, lengths: Floats) -> Figure:
 
 
 def motor_errors_figure(
-    time: Floats, position: Floats, velocity: Floats, changes: tuple[float, ...] = ()
+    time: Floats, position: Floats, velocity: Floats, changes: Mapping[float, str] | None = None
 ) -> Figure:
     """Position error, degrees, and velocity error, degrees/s, of each motor (n, m) over time."""
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
@@ -117,8 +120,8 @@ def motor_errors_figure(
     draw_cables(below, time, velocity, label=False)
     above.set(ylabel="error, deg", title="Motor position error")
     below.set(ylabel="error, deg/s", xlabel="time, s", title="Motor velocity error")
-    for axis in (above, below):
-        mark_times(axis, changes)
+    mark_times(above, changes)
+    mark_times(below, changes, label=False)
     return figure
 
 
@@ -127,7 +130,7 @@ def cycle_histogram_figure(periods: Mapping[str, Floats], nominal: float) -> Fig
     figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
     axis = figure.subplots()
     longest = max((float(p.max()) for p in periods.values() if p.size), default=nominal)
-    bins = np.linspace(0.0, 1e3 * max(1.5 * nominal, longest), 121)
+    bins = 1e3 * cycle_bins(max(1.5 * nominal, longest), _CYCLE_BINS)
     for index, (name, period) in enumerate(periods.items()):
         colour = controller_colour(name, index)
         counts, edges = np.histogram(1e3 * period, bins)

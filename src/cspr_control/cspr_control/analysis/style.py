@@ -27,6 +27,9 @@ CONTROLLER_COLOURS: Final[Mapping[str, str]] = {
 }
 """Of the controllers that are compared (docs/model.md, section 5), by their names in the demo."""
 
+DASHED_CONTROLLERS: Final = frozenset({"pdff", "pdff (exact mass)"})
+"""Those that may do just as another one does: that one, drawn before, is seen through their gaps."""
+
 CONTROLLER_TITLES: Final[Mapping[str, str]] = {
     "pd": "PD",
     "static": "PD + static",
@@ -89,6 +92,12 @@ def motor_line(index: int) -> dict[str, str]:
 def controller_colour(name: str, index: int) -> str:
     """Return the colour of a controller by its name, or of the `index`-th of those whose name is not known."""
     return CONTROLLER_COLOURS.get(name, COLOURS[index % len(COLOURS)])
+
+
+def controller_line(name: str, index: int) -> dict[str, str]:
+    """Return colour and line style of a controller, as `controller_colour` does, for ``Axes.plot``."""
+    style = "--" if name in DASHED_CONTROLLERS else "-"
+    return {"color": controller_colour(name, index), "linestyle": style}
 
 
 def controller_title(name: str) -> str:

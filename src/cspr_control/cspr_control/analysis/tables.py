@@ -99,8 +99,21 @@ def format_runs(runs: Sequence[RunAnalysis]) -> str:
             "",
             f"{name}, by motor and cable".ljust(first) + "".join(f"{k:>9}" for k in range(1, m + 1)),
         ]
-        lines += [label.ljust(first) + "".join(f"{_short(v):>9}" for v in values) for label, values in found]
+        lines += [
+            label.ljust(first) + "".join(f"{text:>9}" for text in row_texts(values))
+            for label, values in found
+        ]
     return "\n".join(line.rstrip() for line in lines)
+
+
+def row_texts(values: NDArray[np.float64]) -> list[str]:
+    """Return the numbers of a row (m,) as texts of the same number of decimals: three digits of the largest."""
+    finite = np.abs(values[np.isfinite(values)])
+    largest = float(finite.max(initial=0.0))
+    decimals = 0 if largest < 1e-9 else min(max(2 - math.floor(math.log10(largest)), 0), 6)
+    return [
+        _number(0.0 if abs(value) < 0.5 * 10.0**-decimals else value, decimals) for value in values.tolist()
+    ]
 
 
 def _short(value: float) -> str:
@@ -166,7 +179,7 @@ def _cycle_rows(metrics: Sequence[RunMetrics]) -> list[tuple[str, list[str]]]:
     return [
         ("cycle rate, Hz", [_number(one.rate, 1) for one in cycles]),
         (
-            "cycle median, 99 %, longest, ms",
+            "cycle median / 99 % / longest, ms",
             [_triple(one.median_ms, one.p99_ms, one.longest_ms) for one in cycles],
         ),
         ("missed cycles", [missed(one.cycles, one.missed) for one in cycles]),
@@ -175,11 +188,11 @@ def _cycle_rows(metrics: Sequence[RunMetrics]) -> list[tuple[str, list[str]]]:
             [NOT_KNOWN if one.unanswered is None else str(one.unanswered) for one in cycles],
         ),
         (
-            "latency median, 99 %, longest, us",
+            "latency median / 99 % / longest, us",
             [_triple(one.latency_p50_us, one.latency_p99_us, one.latency_max_us) for one in cycles],
         ),
     ]
 
 
 def _triple(*values: float) -> str:
-    return "  ".join(_short(value) for value in values) if math.isfinite(values[0]) else NOT_KNOWN
+    return " / ".join(_short(value) for value in values) if math.isfinite(values[0]) else NOT_KNOWN

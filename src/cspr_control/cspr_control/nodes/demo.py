@@ -15,15 +15,18 @@ from pathlib import Path
 from types import FrameType
 
 from cspr_control.analysis.recording import read_recording
-from cspr_control.analysis.results import default_directory, write_results
+from cspr_control.analysis.results import FIGURES, default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
+from cspr_control.analysis.tables import format_runs
 from cspr_control.child_processes import ChildProcesses
+from cspr_control.demo_domain import claim_domain
 from cspr_control.demo_scenario import (
     CONTROLLERS,
     TRAJECTORIES,
     AddedPayload,
     Scenario,
     ros_arguments,
+    ros_parameter,
 )
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
@@ -59,50 +62,73 @@ def main(args: list[str] | None = None) -> int:
     if options.realtime and (problem := _realtime_problem()):
         print(f"demo: {problem}", file=sys.stderr)
         return 2
-    # On loopback, in a domain of its own: no robot in the same network hears a word of this.
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", "33")
-    chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
     summaries: list[RunSummary] = []
-    analyses: list[RunAnalysis] = []
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
+    _stop_on_signals()
     try:
-        for controller, exact_mass in chosen:
-            scenario = Scenario(
-                controller,
-                exact_mass,
-                options.trajectory,
-                options.payload,
-                options.add_payload,
-                options.realtime,
-                options.speed,
-            )
-            directory = _new_run_directory(Path(options.runs))
-            summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
-            summaries.append(summary)
-            analyses.append(analysis)
-            print(f"\n{format_summary(summary)}")
-            if options.speed < 1.0:
-                print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
-            print(f"  recorded in           {directory}", flush=True)
-            _report([analysis], figures=not options.compare)
+        # On loopback, in a domain of its own: no robot in the same network hears a word of this.
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        with claim_domain():
+            _run_chosen(options, summaries)
     except KeyboardInterrupt:
         print(
             "demo: interrupted; brakes are closed, every process has ended, the bag is readable",
             file=sys.stderr,
         )
         return 130
-    except ControlError as error:
+    except (ControlError, OSError) as error:
+        if len(summaries) > 1:
+            print(format_comparison(summaries))
         print(f"demo: {error}", file=sys.stderr)
         return 1
-    if options.compare:
-        print(format_comparison(summaries))
-        _report(analyses)
     return 0
+
+
+def _run_chosen(options: argparse.Namespace, summaries: list[RunSummary]) -> None:
+    """Run what the options ask for, one after the other; each run adds its summary, whatever becomes of the next."""
+    chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
+    analyses: list[RunAnalysis] = []
+    for controller, exact_mass in chosen:
+        scenario = Scenario(
+            controller,
+            exact_mass,
+            options.trajectory,
+            options.payload,
+            options.add_payload,
+            options.realtime,
+            options.speed,
+        )
+        directory = _new_run_directory(Path(options.runs))
+        summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
+        summaries.append(summary)
+        analyses.append(analysis)
+        if not options.compare:
+            print(f"\n{format_runs([analysis])}")
+        print(f"\n{format_summary(summary)}")
+        if options.speed < 1.0:
+            print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
+        print(f"  recorded in           {directory}", flush=True)
+        _report([analysis], figures=not options.compare)
+    if options.compare:
+        print(format_runs(analyses), format_comparison(summaries), sep="\n\n")
+        _report(analyses)
+
+
+def _stop_on_signals() -> None:
+    """Let Ctrl-C, SIGTERM and the end of the terminal interrupt the demo, once.
+
+    Whatever is pressed while it closes the brakes and ends its processes must not keep it from that.
+    """
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # not under nohup
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
+        signal.signal(number, interrupt)
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:
@@ -112,7 +138,10 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--controller", choices=CONTROLLERS, default="pdff-mass", help="default: %(default)s")
+    controllers = parser.add_mutually_exclusive_group()
+    controllers.add_argument(
+        "--controller", choices=CONTROLLERS, default="pdff-mass", help="default: %(default)s"
+    )
     parser.add_argument(
         "--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times"
     )
@@ -129,9 +158,10 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         "--add-payload", type=_added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
-        help="added S seconds after the start of the trajectory, or none; default: 100@3",
+        help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3, or none; "
+        "default: 100@3",
     )  # fmt: skip
-    parser.add_argument(
+    controllers.add_argument(
         "--compare", action="store_true", help="run all controllers and compare them in one table"
     )
     parser.add_argument(
@@ -155,6 +185,11 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.exact_mass and CONTROLLERS[options.controller][0] == "none":
         parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
+    if options.exact_mass and options.compare:
+        parser.error("--exact-mass has no meaning for --compare, which runs pdff with the exact mass as well")
+    added = options.add_payload
+    if added is not None and options.payload + added.mass < 0.0:
+        parser.error(f"--add-payload takes {-added.mass:g} kg away from --payload {options.payload:g}")
     if not Path(options.config, "robot.yaml").is_file():
         parser.error(
             f"{options.config}/robot.yaml is not there: start from the repository's root or name --config DIR"
@@ -236,8 +271,12 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
-    attach = f"attach:=[{', '.join(attached)}]"
-    recording = ["--ros-args", "-p", f"output:={directory / 'bag'}", "-p", attach, *recorder_cpu]
+    recording = [
+        "--ros-args",
+        *ros_parameter("output", str(directory / "bag")),
+        *ros_parameter("attach", attached),
+    ]
+    recording += recorder_cpu
     controlling = ros_arguments(config) + scenario.control_arguments() + control_cpu
     simulating = ros_arguments(config) + scenario.robot_arguments() + robot_cpu
 
@@ -253,8 +292,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                     "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
                 )
             run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
-            run.call("/supervisor/enable", 20.0)
-            run.wait("enabling", lambda: client.robot_state == "enabled", 10.0, lambda: client.robot_message)
+            run.enable(30.0)
             run.pause("measuring the load", 2.0)
             run.call("/trajectory_publisher/start", 10.0)
             run.wait(
@@ -299,6 +337,9 @@ def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
     except (ControlError, OSError) as problem:
         print(f"  report                none: {problem}\n")
     else:
+        if results.figures:
+            place = os.path.relpath(directory / FIGURES)
+            print(f"  figures               {place} ({len(results.figures)}, each as PNG and SVG)")
         print(f"  report                {os.path.relpath(results.report)}\n")
 
 

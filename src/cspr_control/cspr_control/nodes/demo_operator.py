@@ -30,7 +30,7 @@ class DemoClient(Node):
 
     def __init__(self) -> None:
         super().__init__("demo")
-        self.robot_state = self.robot_message = self.phase = self.drives = ""
+        self.robot_state = self.robot_message = self.phase = self.interruption = self.drives = ""
         self.trajectory_times: tuple[int, int] | None = None
         self.estimated_mass = self.true_mass = math.nan
         self.cycle_values: dict[str, str] = {}
@@ -66,16 +66,16 @@ class DemoClient(Node):
         """Whether everything is there and the robot may be enabled."""
         return not self.missing
 
-    def stop_cause(self) -> str:
-        """Why the robot was stopped, and whether this computer had a part in it."""
+    def explained(self, cause: str) -> str:
+        """Why the robot stopped, and whether this computer had a part in it."""
         try:
             cycles, missed = (int(self.cycle_values[name]) for name in ("cycles", "missed_cycles"))
         except (KeyError, ValueError):
-            return self.robot_message
+            return cause
         if missed < 0.2 * max(cycles, 1):
-            return self.robot_message
+            return cause
         return (
-            f"{self.robot_message}. This computer missed {missed} of {cycles} control cycles: it is too slow or too "
+            f"{cause}. This computer missed {missed} of {cycles} control cycles: it is too slow or too "
             "busy for the machine's pace; close what else runs, or slow the machine down with --speed 0.5"
         )
 
@@ -96,11 +96,12 @@ class DemoClient(Node):
 
     def _on_robot_state(self, status: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in status.values}
-        self.robot_state, self.robot_message = status.message, values.get("cause", "")
+        self.robot_state = status.message
+        self.robot_message = values.get("cause") or values.get("remark", "")
 
     def _on_trajectory_state(self, status: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in status.values}
-        self.phase = status.message
+        self.phase, self.interruption = status.message, values.get("interruption", "")
         if self.phase in ("approach", "running") and "start_time" in values:
             self.trajectory_times = (int(values["start_time"]), int(values["end_time"]))
 
@@ -196,7 +197,11 @@ class Operator:
             self._progress.show(step)
             self._children.check()
             if self._client.robot_state == "fault":
-                raise DemoError(f"{step}: the robot stopped with brakes closed: {self._client.stop_cause()}")
+                cause = self._client.explained(self._client.robot_message)
+                raise DemoError(f"{step}: the robot stopped with brakes closed: {cause}")
+            if self._client.interruption:
+                cause = self._client.explained(self._client.interruption)
+                raise DemoError(f"{step}: the trajectory was given up, the platform held its pose: {cause}")
             if time.monotonic() > deadline:
                 raise DemoError(f"{step}: not done within {limit:.0f} s: {why_not()}")
             time.sleep(0.02)
@@ -208,21 +213,38 @@ class Operator:
 
     def call(self, service: str, limit: float) -> None:
         """Ask a service until it accepts; a refusal is final only when the time is up."""
-        refusal = ["no such service"]
+        refusal: str | None = None
 
         def accepted() -> bool:
-            future = self._client.trigger(service)
-            end = time.monotonic() + 5.0
-            while future is not None and not future.done() and time.monotonic() < end:
-                self._children.check()
-                time.sleep(0.01)
-            if future is None or not future.done():
-                refusal[0] = "no answer"
-                return False
-            refusal[0] = future.result().message
-            return bool(future.result().success)
+            nonlocal refusal
+            refusal = self._ask(service)
+            return refusal is None
 
-        self.wait(f"calling {service.rsplit('/', 1)[-1]}", accepted, limit, lambda: refusal[0])
+        self.wait(f"calling {service.rsplit('/', 1)[-1]}", accepted, limit, lambda: refusal or "")
+
+    def enable(self, limit: float) -> None:
+        """Enable the robot; ask again when the drives had to refuse, as when the torques were not there yet."""
+        client, refusal = self._client, None
+
+        def enabled() -> bool:
+            nonlocal refusal
+            if client.robot_state == "disabled":
+                refusal = self._ask("/supervisor/enable")
+            return client.robot_state == "enabled"
+
+        self.wait("enabling", enabled, limit, lambda: client.robot_message or refusal or client.robot_state)
+
+    def _ask(self, service: str) -> str | None:
+        """Ask a service; returns why it refuses, or None."""
+        future = self._client.trigger(service)
+        end = time.monotonic() + 5.0
+        while future is not None and not future.done() and time.monotonic() < end:
+            self._children.check()
+            time.sleep(0.01)
+        if future is None or not future.done():
+            return "no answer"
+        answer = future.result()
+        return None if answer.success else str(answer.message)
 
     def stop(self) -> dict[str, str]:
         """Stop the robot, brakes closed; returns the driver's counters of the run."""
@@ -237,7 +259,7 @@ class Operator:
 
     def make_safe(self) -> None:
         """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""
-        with contextlib.suppress(KeyboardInterrupt, ControlError):
+        with contextlib.suppress(KeyboardInterrupt, ControlError, OSError):  # the terminal may be gone
             if self._client.robot_state in ("enabling", "enabled", "stopping"):
                 future = self._client.trigger("/supervisor/stop")
                 deadline = time.monotonic() + 4.0
@@ -246,5 +268,6 @@ class Operator:
                     and self._client.robot_state != "disabled"
                     and time.monotonic() < deadline
                 ):
-                    self._children.check()
+                    self._progress.show("stopping")
+                    self._children.check(("control", "simulated_robot"))  # nobody else has a part in it
                     time.sleep(0.02)

@@ -69,6 +69,7 @@ _SERVICES = {
 _LIMITS = {
     "following_error": ("Largest difference of desired and measured motor angle", "rad"),
     "following_error_time": ("How long it may be exceeded", "s"),
+    "starting_error": ("Largest such difference with which the robot may be enabled", "rad"),
     "tension_min_time": ("How long a tension may be below tension_min of the robot", "s"),
     "tension_max_time": ("How long a tension may be above tension_max of the robot", "s"),
     "motor_speed_time": ("How long a motor may be faster than speed_limit of the robot", "s"),

@@ -200,7 +200,11 @@ class TrajectoryPublisher(Node):
         if reference is not None:
             self._references += 1
             self._publisher.publish(self._codec.encode(self._sample(stamp, reference)))
-        self._publish_state()
+        if self._publish_state() and self._player.interruption:
+            self.get_logger().warning(
+                f"{self._player.trajectory_name} was given up, the platform holds its pose: "
+                f"{self._player.interruption}"
+            )
 
     def _sample(self, stamp: int, reference: ReferencePoint) -> ReferenceSample:
         running = self._player.phase is TrajectoryPhase.RUNNING
@@ -219,20 +223,29 @@ class TrajectoryPublisher(Node):
         self._unusable += 1
         self._problem = problem
 
-    def _publish_state(self) -> None:
+    def _publish_state(self) -> bool:
+        """Publish the state if it has changed; return whether it had."""
         player = self._player
-        state = (player.phase, player.trajectory_name, player.start_time, player.end_time)
+        state = (
+            player.phase,
+            player.trajectory_name,
+            player.start_time,
+            player.end_time,
+            player.interruption,
+        )
         if state == self._published_state:
-            return
+            return False
         self._published_state = state
         values = {
             "trajectory": player.trajectory_name,
             "start_time": player.start_time,
             "end_time": player.end_time,
+            "interruption": player.interruption,
         }
         self._state_publisher.publish(
             diagnostic_status(self.get_name(), Level.OK, player.phase.value, values)
         )
+        return True
 
     def _status(self) -> list[DiagnosticStatus]:
         name, _ = self._options.settings

@@ -162,7 +162,7 @@ def _pay_out(robot: Path) -> float:
 def _answers(path: Path) -> FileOperator:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
+    except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
     if not isinstance(content, dict):
         raise ConfigurationError(f"{path}: must be a mapping of keys to answers")

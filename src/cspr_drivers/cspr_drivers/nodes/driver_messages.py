@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from cspr_drivers.can_bus import CanPort
 from cspr_drivers.drive_group import GroupState
 from cspr_drivers.drive_report import DriveReport
-from cspr_drivers.load_cell_master import NO_SYNC, LoadCellReport
+from cspr_drivers.load_cell_master import NO_SYNC, LoadCellReport, in_words
 from cspr_msgs_py.conversions import Level, diagnostic_status
 
 _LEVELS = {GroupState.FAULT: Level.ERROR, GroupState.NOT_READY: Level.WARN}
@@ -102,7 +102,7 @@ def _driver_diagnostics(report: DriveReport) -> DiagnosticStatus:
 
 def load_cell_states(names: Sequence[str], problems: Mapping[str, str]) -> list[DiagnosticStatus]:
     """Return the statuses of /load_cell_states: the load cells as a whole, then each one."""
-    cause = "; ".join(f"{name}: {problem}" for name, problem in problems.items())
+    cause = in_words(problems)
     level = Level.ERROR if problems else Level.OK
     return [
         diagnostic_status("load_cells", level, "fault" if problems else "ok", {"cause": cause}),

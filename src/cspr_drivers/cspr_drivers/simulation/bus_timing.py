@@ -8,6 +8,7 @@ stuff bit is needed, so that a cycle that fits here fits on copper.
 from __future__ import annotations
 
 import errno
+import os
 from collections import Counter, deque
 from enum import Enum, auto
 from heapq import heappop, heappush
@@ -21,6 +22,9 @@ from cspr_drivers.can_bus import copied_frame
 BABBLING_COB_ID = 0x001
 """Identifier of a babbling node's frames: before everything but NMT."""
 
+DRIVER = "driver"
+"""The sender whose interface goes down, is removed, or whose controller goes off the bus."""
+
 _TRANSMIT_QUEUE = 64  # frames that wait with one sender, as `txqueuelen` of an interface
 _ERROR_FRAME_BITS = 23  # active error flag, echo, delimiter and interframe space
 
@@ -30,8 +34,17 @@ class BusDisturbance(Enum):
 
     NONE = auto()
     CUT = auto()  # frames wait for ever
+    OFF = auto()  # the driver's controller has left the bus, and said so; what it is given is lost
+    DOWN = auto()  # the driver's interface is down and refuses frames
+    REMOVED = auto()  # the driver has no interface any more
     BABBLING = auto()  # a node sends without a pause
     ERROR_FRAMES = auto()  # every frame is destroyed; its sender gives it up
+
+
+# What SocketCAN says to a frame for an interface that takes none.
+_REFUSALS = {BusDisturbance.DOWN: errno.ENETDOWN, BusDisturbance.REMOVED: errno.ENXIO}
+_LOSES_FRAMES = (BusDisturbance.OFF, *_REFUSALS)
+_BUS_OFF = 0x40  # class of error frames, linux/can/error.h
 
 
 class Disturbable(Protocol):
@@ -68,6 +81,7 @@ class BusTiming:
         self._free = 0.0
         self._looked_at = 0.0
         self._disturbance = BusDisturbance.NONE
+        self._to_tell: list[can.Message] = []
         self._babble = can.Message(arbitration_id=BABBLING_COB_ID, data=bytes(8), is_extended_id=False)
 
     def offer(self, frame: can.Message, sender: object, time: float) -> None:
@@ -76,8 +90,12 @@ class BusTiming:
         Raises
         ------
         can.CanOperationError
-            With ENOBUFS, if too many frames of this sender wait already.
+            With ENOBUFS, if too many frames of this sender wait already; with ENETDOWN or ENXIO, if its interface is
+            down or gone.
         """
+        refusal = _REFUSALS.get(self._disturbance)
+        if refusal is not None and sender == DRIVER:
+            raise can.CanOperationError(os.strerror(refusal), error_code=refusal)
         if self._held[sender] >= _TRANSMIT_QUEUE:
             raise can.CanOperationError("transmit buffer full", error_code=errno.ENOBUFS)
         self._held[sender] += 1
@@ -90,6 +108,13 @@ class BusTiming:
         """Let something disturb the bus, or no longer, from the time on for which it was last looked at."""
         self._free = max(self._free, self._looked_at)
         self._disturbance = disturbance
+        self._to_tell = []
+        if disturbance is BusDisturbance.OFF:
+            self._to_tell.append(
+                can.Message(
+                    arbitration_id=_BUS_OFF, is_error_frame=True, is_extended_id=False, dlc=8, data=bytes(8)
+                )
+            )
 
     @property
     def disturbed(self) -> bool:
@@ -100,8 +125,14 @@ class BusTiming:
         """Return, once, the frames that are through at a time, s, in their order."""
         done: list[Passed] = []
         self._looked_at = time
-        if self._disturbance is BusDisturbance.CUT:
+        if self._disturbance in _LOSES_FRAMES:
+            self._offered.clear()
+            self._waiting.clear()
+            self._held.clear()
+        if self._disturbance is BusDisturbance.CUT or self._disturbance in _LOSES_FRAMES:
             self._free = time
+            done.extend(Passed(time, self, frame) for frame in self._to_tell)
+            self._to_tell = []
             return done
         babbling = self._disturbance is BusDisturbance.BABBLING
         offered, waiting = self._offered, self._waiting
@@ -133,7 +164,9 @@ class BusTiming:
 
     def next_end(self) -> float | None:
         """Return when the next frame is through, s, if none is offered before it; `None` when none waits."""
-        if self._disturbance is BusDisturbance.CUT:
+        if self._to_tell:
+            return self._looked_at
+        if self._disturbance is BusDisturbance.CUT or self._disturbance in _LOSES_FRAMES:
             return None
         if self._disturbance is BusDisturbance.BABBLING:
             return self._free + self._lengths[8]

@@ -52,8 +52,12 @@ class InjectedFault(Enum):
     LOAD_CELL_DRIFTING = "load_cell_drifting"
     CABLE_SLACK = "cable_slack"
     BUS_CUT = "bus_cut"
+    BUS_OFF = "bus_off"
+    BUS_DOWN = "bus_down"
+    BUS_REMOVED = "bus_removed"
     BUS_BABBLING = "bus_babbling"
     BUS_ERROR_FRAMES = "bus_error_frames"
+    PLATFORM_CAUGHT = "platform_caught"
     EMERGENCY_STOP = "emergency_stop"
 
     @property
@@ -93,9 +97,13 @@ _MEANINGS = {
     InjectedFault.LOAD_CELL_STUCK: "its value does not change any more",
     InjectedFault.LOAD_CELL_DRIFTING: f"its zero drifts by {_DRIFT:g} N a second",
     InjectedFault.CABLE_SLACK: f"{1e3 * _SLACK:g} mm of cable slip off the drum",
-    InjectedFault.BUS_CUT: "no frame passes",
+    InjectedFault.BUS_CUT: "its cable is cut: no frame passes",
+    InjectedFault.BUS_OFF: "the driver's controller goes off the bus",
+    InjectedFault.BUS_DOWN: "the driver's interface is taken down",
+    InjectedFault.BUS_REMOVED: "the driver's interface is unplugged",
     InjectedFault.BUS_BABBLING: "a node fills the bus with frames of high priority",
     InjectedFault.BUS_ERROR_FRAMES: "every frame is destroyed by an error frame",
+    InjectedFault.PLATFORM_CAUGHT: "it hangs on an obstacle that does not give way",
     InjectedFault.EMERGENCY_STOP: "the emergency stop chain is open",
 }
 
@@ -152,6 +160,10 @@ class FaultInjector:
         if fault.target is FaultTarget.ROBOT:
             places: dict[str, int | str] = {"": 0, "robot": 0}
         elif fault.target is FaultTarget.BUS:
+            if not self._buses:
+                raise DriverError(
+                    f"{name}: only the simulated buses of one process can be disturbed, not SocketCAN"
+                )
             places = {bus: bus for bus in self._buses}
         else:
             prefix = fault.target.value.removesuffix("K")
@@ -172,6 +184,10 @@ class FaultInjector:
                 self._harm_cable(order.fault, int(order.place))
             elif order.fault.target is FaultTarget.MOTOR:
                 self._harm_drive(order.fault, int(order.place))
+            elif order.fault is InjectedFault.PLATFORM_CAUGHT:
+                self._machine.advance(self._machine.now())
+                self._machine.plant.catch_platform(True)
+                self._remedies.append(lambda: self._machine.plant.catch_platform(False))
             else:
                 self._remedies.append(partial(self._stop_by_emergency, False))
                 self._stop_by_emergency(True)
@@ -235,13 +251,7 @@ class FaultInjector:
 
     def _disturb(self, fault: InjectedFault, name: str) -> None:
         bus = self._buses[name]
-        bus.disturb(
-            {
-                InjectedFault.BUS_CUT: BusDisturbance.CUT,
-                InjectedFault.BUS_BABBLING: BusDisturbance.BABBLING,
-                InjectedFault.BUS_ERROR_FRAMES: BusDisturbance.ERROR_FRAMES,
-            }[fault]
-        )
+        bus.disturb(BusDisturbance[fault.value.removeprefix("bus_").upper()])
         self._remedies.append(lambda: bus.disturb(BusDisturbance.NONE))
 
     def _stop_by_emergency(self, active: bool) -> None:

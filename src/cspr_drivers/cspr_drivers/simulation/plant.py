@@ -158,6 +158,11 @@ class Plant:
         """Let a cable slip on its drum: so much more of it, m, is paid out at the same motor angle."""
         self._free_lengths_at_home[index] += length
 
+    def catch_platform(self, caught: bool) -> None:
+        """Let an obstacle hold the platform's origin where it is, or let it go again."""
+        self._model.equality("obstacle").data[3:6] = self.platform_position()
+        self._data.eq_active[self._model.equality("obstacle").id] = caught
+
     def motor_angles(self) -> FloatArray:
         """Angles of the motor shafts, rad. (m,)."""
         return np.array(self._data.qpos[self._shaft_position])
@@ -269,6 +274,7 @@ def _mjcf(robot: Robot, time_step: float) -> str:
       <body name="payload"><inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/></body>
     </body>{shafts}
   </worldbody>
+  <equality><connect name="obstacle" body1="platform" anchor="0 0 0" active="false"/></equality>
   <tendon>{tendons}</tendon>
   <actuator>{pulls}{torques}</actuator>
 </mujoco>"""

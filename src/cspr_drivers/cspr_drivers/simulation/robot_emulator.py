@@ -96,7 +96,9 @@ class RobotEmulator:
                 )
         for name in (DRIVE_EDS, LOAD_CELL_EDS):
             if not (eds_directory / name).is_file():
-                raise ConfigurationError(f"{eds_directory / name}: cannot be found; it describes the devices")
+                raise ConfigurationError(
+                    f"{eds_directory / name}: missing; it describes the devices of {can_config.source}, beside it"
+                )
         self.machine = SharedPlant(plant, simulation.payload_changes)
         self.drives = tuple(
             DriveEmulator(
@@ -131,6 +133,8 @@ class RobotEmulator:
         self._last_tick = 0.0
         self._stopping = threading.Event()
         self._conversion_time = simulation.load_cells.conversion_time
+        # How far the plant moves on after a SYNC while there is time for it: never past the next one.
+        self._head_start = self._conversion_time if self._conversion_time < can_config.period else 0.0
         self._conversions: SimpleQueue[tuple[float, tuple[EmulatedNode, ...]] | None] = SimpleQueue()
         self._converter = threading.Thread(target=self._convert, name="amplifiers", daemon=True)
         self._ticker = threading.Thread(target=self._keep_time, name="emulated devices", daemon=True)
@@ -263,12 +267,11 @@ class RobotEmulator:
             if self._conversion_time == 0.0:
                 for node in load_cells:
                     node.sync(time)
+                self._tick_after_sync(time)
             else:
                 for node in load_cells:
                     node.latch()
                 self._conversions.put((time, load_cells))
-            if time - self._last_tick >= _TICK:
-                self._tick(time, supervise=True)
 
     def _convert(self) -> None:
         """Let the amplifiers answer each SYNC when their conversion is done."""
@@ -279,7 +282,13 @@ class RobotEmulator:
             with machine.lock:
                 for node in load_cells:
                     node.answer(time)
-                machine.apply_arrived(machine.now())
+                try:
+                    machine.apply_arrived(machine.now())
+                    # Done here, it need not be done at the next SYNC, when the drivers wait for the drives' answers.
+                    machine.advance(time + self._head_start)
+                    self._tick_after_sync(time)
+                except DriverError:
+                    return  # the plant failed, and `failure` says why
 
     def _keep_time(self) -> None:
         machine = self.machine
@@ -302,6 +311,11 @@ class RobotEmulator:
                         self._tick(now, supervise=not late)
                 except DriverError:
                     return  # the plant failed, and `failure` says why
+
+    def _tick_after_sync(self, time: float) -> None:
+        """Look at time-outs and brakes; of all that was sent before a SYNC nothing is unread any more."""
+        if time - self._last_tick >= _TICK:
+            self._tick(time, supervise=True)
 
     def _tick(self, time: float, supervise: bool) -> None:
         self._last_tick = time

@@ -74,6 +74,10 @@ class PlantModel(Protocol):
         """Let so much more of a cable, m, be paid out at the same motor angle."""
         ...
 
+    def catch_platform(self, caught: bool) -> None:
+        """Let something hold the platform where it is, or let it go again."""
+        ...
+
     def motor_angles(self) -> FloatArray:
         """Angles, rad. (m,)."""
         ...

@@ -13,9 +13,8 @@ import can
 
 from cspr_drivers import clock
 from cspr_drivers.can_bus import QuickVirtualBus, copied_frame
-from cspr_drivers.simulation.bus_timing import BusDisturbance, BusTiming
+from cspr_drivers.simulation.bus_timing import DRIVER, BusDisturbance, BusTiming
 
-_DRIVER = "driver"
 _LONGEST_BATCH = 0.0015  # s between two deliveries while frames wait
 _BABBLING_BATCH = 0.002  # s, as a babbling node's frames need not be punctual
 
@@ -83,7 +82,7 @@ class TimedBus:
         if self._direct:
             self._deliver(frame)
         else:
-            self._offer(frame, _DRIVER, None)
+            self._offer(frame, DRIVER, None)
 
     def _offer(self, frame: can.Message, sender: object, time: float | None) -> None:
         with self._changed:
@@ -108,7 +107,7 @@ class TimedBus:
             for time, sender, frame in through:
                 frame.timestamp = time + to_time_of_day
                 self._moment = time
-                if sender is _DRIVER:
+                if sender is DRIVER:
                     self._deliver(frame)
                 else:
                     self._end.pass_on(frame)

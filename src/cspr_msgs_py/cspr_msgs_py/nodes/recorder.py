@@ -11,6 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from std_msgs.msg import String
@@ -34,6 +35,7 @@ GRAPH_PERIOD = 0.5  # s between two looks for new topics
 
 _POLL_PERIOD = 0.02  # s
 _MEGABYTE = 1_000_000
+_MARK_TEXT = "mark_text"
 
 _FIXED_TOPICS = {topic.name: topic for topic in graph_topics(0)}
 
@@ -73,6 +75,7 @@ class Recorder(Node):
         )
         self._events = advertise(self, EVENTS)
         self._marks = 0
+        declare(self, _MARK_TEXT, "", "text of the next mark, which ~/mark makes; a mark always has a number")
         for name, topic in _FIXED_TOPICS.items():
             if not self._recorded or name in self._recorded:
                 self._intake.subscribe(name, topic.type, qos_profile(topic), topic.latched)
@@ -222,8 +225,12 @@ class Recorder(Node):
 
     def _mark(self) -> str:
         self._marks += 1
-        self._note(f"mark {self._marks}")
-        return f"mark {self._marks} is on {EVENTS.name}"
+        text = self.get_parameter(_MARK_TEXT).value
+        mark = f"mark {self._marks}"
+        self._note(f"{mark}: {text}" if text else mark)
+        if text:  # it belongs to one event, not to every later one
+            self.set_parameters([Parameter(_MARK_TEXT, value="")])
+        return f"{mark} is on {EVENTS.name}"
 
     def _note(self, text: str) -> None:
         self._events.publish(String(data=text))

@@ -53,6 +53,10 @@ function valueAt(block, column, t) {
   return Number.isNaN(values[i + 1]) ? values[i] : values[i] + share * (values[i + 1] - values[i]);
 }
 
+function secondsText(time, digits = 2) {
+  return `${time.toFixed(digits).replace(/^-(0\.0*)$/, "$1")} s`;
+}
+
 function niceNumber(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);

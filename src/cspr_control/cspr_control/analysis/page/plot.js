@@ -330,7 +330,7 @@ class LinePanel {
     const t = this.timeAt(this.hover);
     const rows = this.shown.map((s) => [s.color, s.name, `${niceNumber(valueAt(s.block, s.column, t))}`]);
     const near = this.run ? this.run.events.filter((e) => Math.abs(this.x(e.time) - this.hover) < 5) : [];
-    this.chart.page.showTip(event, `${t.toFixed(3)} s · ${this.chart.unit}`, rows, near);
+    this.chart.page.showTip(event, `${secondsText(t, 3)} · ${this.chart.unit}`, rows, near);
   }
 }
 
@@ -478,6 +478,9 @@ class BarChart {
     const gap = panel.clusters.length > 30 ? 0 : 0.1;
     const bar = (cluster * (1 - 2 * gap)) / Math.max(1, bars.length);
     panel.places = [];
+    const room = 14 + Math.max(...panel.clusters.map((name) => c.measureText(name).width));
+    const least = Math.ceil(room / cluster);
+    const every = [1, 2, 5, 10, 20, 50].find((step) => step >= least) || least;
     panel.clusters.forEach((name, i) => {
       bars.forEach((b, j) => {
         const v = b.values[i];
@@ -488,7 +491,6 @@ class BarChart {
         c.fillRect(x, top, Math.max(1, bar * (gap ? 0.9 : 1)), bottom - top);
         panel.places.push({ x, end: x + bar, name, bar: b, value: v });
       });
-      const every = Math.ceil((panel.clusters.length * 44) / plotWidth);
       if (i % every === 0) {
         c.fillStyle = MUTED;
         c.textAlign = "center";

@@ -66,7 +66,7 @@ class Page {
     this.time = Math.min(Math.max(time, from), to);
     const slider = document.getElementById("time-slider");
     slider.value = String(this.time);
-    document.getElementById("time-text").textContent = `${this.time.toFixed(2)} s`;
+    document.getElementById("time-text").textContent = secondsText(this.time);
     this.drawScenes();
     for (const chart of this.visible) chart.drawOverlay();
     this.drawBand();
@@ -196,7 +196,7 @@ class Page {
       const line = document.createElement("div");
       line.className = "tip-event";
       line.style.color = EVENT_COLORS[happened.kind];
-      line.textContent = `${happened.time.toFixed(2)} s ${happened.text}`;
+      line.textContent = `${secondsText(happened.time)} ${happened.text}`;
       this.tip.append(line);
     }
     this.tip.hidden = false;
@@ -235,7 +235,7 @@ class Page {
     const motorBody = motors.createTBody();
     for (const [name, values] of this.report.by_motor) {
       const row = motorBody.insertRow();
-      row.append(withText("th", name), ...values.map((value) => withText("td", niceNumber(value, 3))));
+      row.append(withText("th", name), ...values.map((value) => withText("td", value)));
     }
   }
 
@@ -291,7 +291,7 @@ class Page {
       const t = at(event);
       const reach = (6 * (this.whole[1] - this.whole[0])) / box.width;
       const state = run.states.find((span) => span.start <= t && t <= span.end);
-      const title = `${run.title} · ${t.toFixed(2)} s${state ? ` · ${state.name}` : ""}`;
+      const title = `${run.title} · ${secondsText(t)}${state ? ` · ${state.name}` : ""}`;
       this.showTip(event, title, [], run.events.filter((e) => Math.abs(e.time - t) < reach));
     });
     band.addEventListener("pointerleave", () => this.hideTip());
@@ -309,7 +309,7 @@ class Page {
       kind.style.background = EVENT_COLORS[event.kind];
       const cell = row.insertCell();
       cell.append(kind);
-      const time = withText("button", `${event.time.toFixed(2)} s`);
+      const time = withText("button", secondsText(event.time));
       time.className = "link";
       time.addEventListener("click", () => this.setTime(event.time));
       row.insertCell().append(time);
@@ -427,7 +427,8 @@ function buildCharts(page) {
       id: "motor-3", title: `Position error of motor ${chosen + 1}, all runs`, unit: "error, deg", height: 280,
       note: "Fig. 12: one line a controller.",
       panels: [{ run: null, series: compared.map((run) => ({
-        name: run.title, color: run.color, motor: null, block: run.blocks.errors, column: chosen })) }],
+        name: run.title, color: run.color, dash: run.dashed ? [6, 4] : null, motor: null, block: run.blocks.errors,
+        column: chosen })) }],
     }));
   }
   lines(
@@ -463,7 +464,7 @@ function buildCharts(page) {
     { id: "cycles", title: "Control cycle", unit: "cycles", axis: "time between motor states, ms", logarithmic: true,
       note: "On the trajectory; how many cycles were how long." },
     runs.filter((run) => run.cycles).map((run) => ({
-      title: run.title, clusters: run.cycles.edges,
+      title: run.title, clusters: run.cycles.centers,
       bars: [{ name: "cycles", color: run.color, values: run.cycles.counts }],
     })),
   );

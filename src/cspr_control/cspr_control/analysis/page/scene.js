@@ -8,6 +8,8 @@ const BOX_FACES = [
   [0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3],
 ];
 
+const UNKNOWN_COLOR = "#9aa4b0";
+
 function rotationOf([x, y, z, w]) {
   const n = Math.hypot(x, y, z, w) || 1;
   [x, y, z, w] = [x / n, y / n, z / n, w / n];
@@ -46,7 +48,9 @@ function boxCorners(center, size) {
   return corners;
 }
 
+// Colour at a share of the scale; grey for a tension that is not known.
 function mixColors(colors, share) {
+  if (!Number.isFinite(share)) return UNKNOWN_COLOR;
   const place = Math.min(Math.max(share, 0), 1) * (colors.length - 1);
   const k = Math.min(Math.floor(place), colors.length - 2);
   const [a, b] = [colors[k], colors[k + 1]].map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
@@ -190,13 +194,16 @@ class Scene {
     }
     c.font = "11px system-ui, sans-serif";
     c.textAlign = "center";
-    robot.exit_points.forEach((exit, k) => {
-      const [x, y] = this.project(exit);
+    const exits = robot.exit_points.map((exit) => this.project(exit));
+    exits.forEach(([x, y], k) => {
       c.fillStyle = "#39424e";
       c.beginPath();
       c.arc(x, y, 3, 0, 2 * Math.PI);
       c.fill();
-      c.fillText(String(k + 1), x + (k % 2 ? 7 : -7), y - 7);
+      // away from the nearest other one, so that the numbers of a pair keep apart
+      const [nearest] = exits.filter((_, other) => other !== k).sort(
+        (p, q) => Math.hypot(p[0] - x, p[1] - y) - Math.hypot(q[0] - x, q[1] - y));
+      c.fillText(String(k + 1), x + (nearest && nearest[0] <= x ? 7 : -7), y - 7);
     });
     this.describe(pose, desired, t);
   }
@@ -220,9 +227,7 @@ class Scene {
       const hidden = this.page.hiddenMotors.has(k);
       c.globalAlpha = hidden ? 0.12 : 1;
       c.lineWidth = 2.4;
-      c.strokeStyle = Number.isNaN(tensions[k])
-        ? "#9aa4b0"
-        : mixColors(this.page.report.tension_colours, tensions[k] / this.page.report.tension_scale);
+      c.strokeStyle = mixColors(this.page.report.tension_colours, tensions[k] / this.page.report.tension_scale);
       c.setLineDash(tensions[k] < robot.tension_min ? [5, 4] : []);
       this.line(c, [anchors[k], robot.exit_points[k]]);
     }
