@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 def command_line(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Start where a user does, and put back what the program changes for the whole process."""
     monkeypatch.chdir(ROOT)
-    for variable in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
-        monkeypatch.setenv(variable, os.environ.get(variable, ""))
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     handlers = [signal.getsignal(number) for number in numbers]
     yield

@@ -19,7 +19,6 @@ from cspr_control.analysis.results import FIGURES, default_directory, write_resu
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.analysis.tables import format_runs
 from cspr_control.child_processes import ChildProcesses
-from cspr_control.demo_domain import claim_domain
 from cspr_control.demo_scenario import (
     CONTROLLERS,
     TRAJECTORIES,
@@ -31,6 +30,7 @@ from cspr_control.demo_scenario import (
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
 from cspr_control.recorded_run import summarise_run
+from cspr_control.ros_domain import claim_domain
 from cspr_control.run_summary import RunSummary, format_comparison, format_summary
 
 COMPARED = [("pd", False), ("static", False), ("pdff", False), ("pdff-mass", False), ("pdff", True)]
@@ -338,9 +338,16 @@ def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
         print(f"  report                none: {problem}\n")
     else:
         if results.figures:
-            place = os.path.relpath(directory / FIGURES)
-            print(f"  figures               {place} ({len(results.figures)}, each as PNG and SVG)")
-        print(f"  report                {os.path.relpath(results.report)}\n")
+            print(
+                f"  figures               {_shown(directory / FIGURES)} ({len(results.figures)}, each as PNG and SVG)"
+            )
+        print(f"  report                {_shown(results.report)}\n")
+
+
+def _shown(path: Path) -> Path:
+    """Return a path as it is shown: from here on, if it lies here."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 if __name__ == "__main__":
