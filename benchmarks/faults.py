@@ -414,6 +414,7 @@ def main() -> None:
                 continue
             cause, lowest = outcome.cause, min(lowest, outcome.lowest_tension)
             way = "along the path" if outcome.controlled else "quick stop"
+            way += ", then quick stop" if outcome.controlled and "; then " in cause else ""
             cells.append(f"{1e3 * outcome.duration:.0f} | {1e3 * max(outcome.drop, 0.0):.1f}")
         print(
             f"| {scenario.name} | {cause} | {way} | {' | '.join(cells)} | {max(lowest, 0.0):.0f} |",

@@ -1,15 +1,24 @@
-"""A ROS domain of its own for each process of the tests, whatever the shell has set: no robot hears a test."""
+"""What holds for all tests.
+
+A ROS domain of its own for each process of the tests, whatever the shell has set: no robot hears a test. Property tests
+draw the same examples in every run; others with `pytest --hypothesis-profile=default`.
+"""
 
 import os
 import signal
 import socket
 
 import pytest
+from hypothesis import settings
 
 # Clear of the default 0 and the demo's 33; from 102 on, other programs use the ports.
 DOMAINS = range(50, 100)
 
 _claim = pytest.StashKey[socket.socket]()
+
+
+settings.register_profile("repeatable", derandomize=True, database=None)
+settings.load_profile("repeatable")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -455,6 +455,15 @@ def test_a_drive_that_leaves_nmt_operational_is_a_fault_in_motion(enabled, far_e
     )
 
 
+def test_an_interface_that_takes_no_frames_is_named_as_the_cause(enabled, ports, wait_until, monkeypatch):
+    def refuse(message, timeout=None):
+        raise can.CanOperationError("Network is down", errno.ENETDOWN)
+
+    monkeypatch.setattr(ports["main"]._bus, "send", refuse)
+    wait_until(lambda: enabled.state is GroupState.FAULT)
+    assert enabled.cause.startswith("bus main: Network is down")
+
+
 def test_a_drive_that_applies_another_torque_stops_all(enabled, far_end, wait_until):
     drive = far_end.drives[2]
     drive.tpdo = lambda: struct.pack("<Hih", drive.status, drive.counts, 2000)  # thousandths of 5 N m

@@ -73,9 +73,19 @@ def test_fault_in_motion_ends_in_the_same_way(bench, scenario):
     check(bench, scenario, moving=True)
 
 
-def test_every_fault_is_in_the_document():
-    """The causes and figures of docs/operation.md are what `make bench ARGS=faults` prints."""
+def test_every_fault_is_in_the_document_with_what_it_costs():
+    """The rows of docs/operation.md are what `make bench ARGS=faults` prints."""
     document = (ROOT / "docs" / "operation.md").read_text(encoding="utf-8")
+    section = document.split("## What each fault does\n")[1].split("\n### ")[0]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in section.splitlines() if "|" in line
+    ]
+    table = {row[0]: row for row in rows[2:]}
+    assert set(table) == {scenario.name for scenario in SCENARIOS}
     for scenario in SCENARIOS:
-        (row,) = [line for line in document.splitlines() if line.startswith(f"| {scenario.name} |")]
-        assert scenario.cause in row
+        _, cause, _, held, held_drop, moving, moving_drop, lowest = table[scenario.name]
+        assert scenario.cause in cause
+        drops = [float(drop) for drop in (held_drop, moving_drop) if drop != "-"]
+        assert max(drops) <= 1e3 * LARGEST_DROP
+        assert (held == "-", moving == "-") == (not scenario.held, not scenario.moving)
+        assert float(lowest) >= 0.0

@@ -51,6 +51,12 @@ def any_robot(request: pytest.FixtureRequest) -> Robot:
     return robot
 
 
+@pytest.fixture(scope="session")
+def robots(request: pytest.FixtureRequest) -> Callable[[str], Robot]:
+    """The robots by the names of their fixtures, for property tests, which cannot have a fixture an example."""
+    return request.getfixturevalue
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240229)

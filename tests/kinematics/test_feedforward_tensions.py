@@ -146,6 +146,19 @@ def test_the_first_call_says_that_it_compiles_and_later_ones_do_not(tmp_path: Pa
     assert runs[1].stderr == ""
 
 
+def test_without_a_place_for_the_cache_the_kernels_run_and_say_so_once() -> None:
+    """numba finds no directory, as in an installation that cannot be written by a user without a home."""
+    code = (
+        "from numba.core import caching; caching.CacheImpl._locator_classes.clear();"
+        "import numpy as np; from cspr_kinematics import Pose; print(Pose(np.zeros(3), np.eye(3)).batch_shape)"
+    )
+    run = run_python(code)
+    assert run.stdout == "()\n"
+    assert run.stderr.count("NUMBA_CACHE_DIR=DIRECTORY") == 1
+    assert "compiling its kernels for this machine, in every process" in run.stderr
+    assert run.stderr.count("\n") == 2
+
+
 def test_import_is_quick_and_leaves_scipy_alone() -> None:
     code = (
         "import sys; from time import process_time as t; import numpy; a = t(); import cspr_kinematics;"

@@ -5,6 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cspr_kinematics import (
     InvalidInputError,
@@ -66,9 +68,12 @@ def test_jacobian_by_finite_differences_of_the_lengths(
     np.testing.assert_allclose(inverse_kinematics(robot, pose).jacobian, differences, atol=1e-9)
 
 
-def test_virtual_work(any_robot: Robot, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("name", ["robot", "robot_with_pulleys", "cogiro", "six_cables", "twelve_cables"])
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_virtual_work(robots: Callable[[str], Robot], name: str, seed: int) -> None:
     """Work of the cables' wrench on a small displacement equals what their shortening yields."""
-    robot, n = any_robot, 20
+    robot, rng, n = robots(name), np.random.default_rng(seed), 20
     pose = Pose.from_euler(
         rng.uniform(robot.workspace_min, robot.workspace_max, (n, 3)), *rng.uniform(-0.3, 0.3, (3, n))
     )

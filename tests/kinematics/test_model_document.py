@@ -24,6 +24,7 @@ from cspr_kinematics import (
     largest_acceleration,
     pose_covariance,
     required_wrench,
+    solve_forward_kinematics,
     static_wrench,
 )
 
@@ -199,6 +200,23 @@ def accuracy_table(robot: Robot, _: Robot) -> Table:
     ]
 
 
+def slack_table(robot: Robot, _: Robot) -> Table:
+    rows = [
+        row(
+            "slack of cable 1 at home, m",
+            "largest length error left, mm",
+            "error of the platform's place, mm",
+        )
+    ]
+    for slack in (0.02, 0.05, 0.1):
+        lengths = robot.winch.home_lengths + slack * np.eye(8)[0]
+        solution = solve_forward_kinematics(robot, lengths, robot.home)
+        assert solution.converged
+        off = np.linalg.norm(solution.pose.position - robot.home.position)
+        rows.append(row(slack, *numbers([1e3 * np.abs(solution.residual).max(), 1e3 * off], 1)))
+    return rows
+
+
 def bounded_table(robot: Robot, _: Robot) -> Table:
     rows = [row("payload, kg", "least, N", "largest, N", "feasible", "residual, N")]
     for mass in (0.0, 200.0, 1200.0, 1400.0):
@@ -254,6 +272,7 @@ TABLES = (
     pulley_table,
     pulley_error_table,
     accuracy_table,
+    slack_table,
 )
 
 

@@ -322,6 +322,13 @@ def test_each_cable_may_have_its_own(robot: Robot) -> None:
     assert fewer.path_geometry.shape == (6, 10)
 
 
+@pytest.mark.parametrize("length", [1e-320, 1e-200, 1e200, 1e308])
+def test_the_length_of_an_axis_does_not_matter(length: float) -> None:
+    np.testing.assert_allclose(
+        Pulleys(0.05, [0.0, -length, length]).swivel_axis, [0.0, -np.sqrt(0.5), np.sqrt(0.5)]
+    )
+
+
 @pytest.mark.parametrize(
     ("radius", "axis", "name"),
     [

@@ -262,6 +262,11 @@ class Probe:
         """Hold the platform where it is from now on."""
         self._anchor = None
 
+    @property
+    def holds(self):
+        """Whether torques answer the motor states, since `begin_here` was called."""
+        return self._anchor is not None
+
     def call(self, service, kind=Trigger, request=None):
         """Call a service; return its response."""
         client = self._clients.get(service)
@@ -365,6 +370,7 @@ class Bench:
     def enable(self):
         """Enable the drives, as the operator does, and wait until all brakes are open."""
         self.probe.begin_here()
+        self.until(lambda: self.probe.holds, "no motor states come")  # and so no torque commands go
         self.until(lambda: self.probe.call("/can_drives/enable").success, "enable is refused")
         self.until(lambda: self.probe.group[0] == "enabled", "not enabled")
         self.until(lambda: self.probe.brakes_open == MOTORS, "not all brakes are open")
@@ -570,6 +576,14 @@ def executable(bench):
 def root():
     """The repository."""
     return ROOT
+
+
+@pytest.fixture
+def two_buses_file(tmp_path):
+    """The shipped configuration, half of its devices on each of two buses of the kernel."""
+    path = tmp_path / "can.yaml"
+    path.write_text(yaml.safe_dump(two_buses(RATE, TIMEOUTS)))
+    return path
 
 
 @pytest.fixture

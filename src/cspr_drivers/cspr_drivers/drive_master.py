@@ -316,9 +316,9 @@ class DriveMaster:
             self._postponed += 1
         else:
             self._ports.send_sync()
-            for port in self._ports:
-                if port.failure:
-                    self._bus_failed(port.name, port.failure)
+        for port in self._ports:
+            if port.failure:
+                self._bus_failed(port.name, port.failure)
         if now >= self._heartbeat_due:
             self._heartbeat_due = now + self._config.timeouts.heartbeat_producer
             for port in self._ports:

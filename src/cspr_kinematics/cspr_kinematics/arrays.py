@@ -17,6 +17,19 @@ IntArray = NDArray[np.int64]
 _DOUBLE = np.dtype(np.float64)
 
 
+class ReadOnlyArrays:
+    """Base of what is immutable: its copies' arrays are read-only too, which numpy itself forgets.
+
+    Kernels are compiled for read-only arrays, and would be compiled once more for those of a copy.
+    """
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        self.__dict__.update(state)
+
+
 def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
     """Return `value` as a finite float array whose last axes have the given sizes.
 

@@ -24,6 +24,8 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 _KERNELS = Path(__file__).with_name("kernels")
 _IMPORT = re.compile(r"^from \.(\w+) import", re.MULTILINE)
 
+_without_cache: list[str] = []  # kernels that cannot be kept
+
 logger = logging.getLogger("cspr_kinematics")
 
 
@@ -38,8 +40,14 @@ def kernel(function: _Function) -> _Function:
     try:
         compiled.enable_caching()
         _stamp_with_sources(compiled)
-    except RuntimeError as error:  # no directory to write to: compile in every process
-        logger.warning("%s; the kernels will be compiled in every process", error)
+    except RuntimeError:  # no directory to write to
+        if not _without_cache:
+            logger.warning(
+                "cspr_kinematics: its kernels will be compiled in every process, because neither %s nor the user's "
+                "cache directory can be written; name one that can: NUMBA_CACHE_DIR=DIRECTORY",
+                _KERNELS / "__pycache__",
+            )
+        _without_cache.append(function.__name__)
     # To the type checker a kernel is the function it was made from.
     return compiled  # type: ignore[no-any-return]
 
@@ -120,9 +128,12 @@ class _CompilationNotice(event.Listener):  # type: ignore[misc]
         function = event.data["dispatcher"].py_func
         if not self._said and function.__module__.startswith("cspr_kinematics."):
             self._said = True
+            when = "in every process" if _without_cache else "once after installation"
+            later = "" if _without_cache else ", and later starts find them in the cache"
             logger.warning(
-                "cspr_kinematics: compiling its kernels for this machine, once after installation; "
-                "this takes some seconds, and later starts find them in the cache"
+                "cspr_kinematics: compiling its kernels for this machine, %s; this takes some seconds%s",
+                when,
+                later,
             )
 
     def on_end(self, event: Any) -> None:

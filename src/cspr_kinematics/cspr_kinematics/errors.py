@@ -7,7 +7,19 @@ from numpy.typing import NDArray
 
 
 class KinematicsError(Exception):
-    """Root of all errors raised by this package."""
+    """Root of all errors raised by this package; they pass from process to process with their data."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Exceptions are restored from their message, for which the constructors here do not ask.
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(
+    kind: type[KinematicsError], args: tuple[object, ...], data: dict[str, object]
+) -> KinematicsError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(data)
+    return error
 
 
 class InvalidInputError(KinematicsError, ValueError):

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import BoolArray, FloatArray, checked, frozen, non_negative_number, positive_number
+from .arrays import (
+    BoolArray,
+    FloatArray,
+    ReadOnlyArrays,
+    checked,
+    frozen,
+    non_negative_number,
+    positive_number,
+)
 from .compiled import in_chunks, kernel_input
 from .dynamics import required_wrench, static_wrench
 from .errors import InvalidInputError
@@ -21,7 +29,7 @@ from .wrench_set import available_wrenches, tension_limits
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Task(ReadOnlyArrays):
     """What shall be possible at a pose: a range of payloads, each with any acceleration of a box, from rest.
 
     Attributes
@@ -75,7 +83,7 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Feasibility:
+class Feasibility(ReadOnlyArrays):
     """Whether a task is possible at one pose or a batch of poses; arrays are read-only.
 
     Attributes

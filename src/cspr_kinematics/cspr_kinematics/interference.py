@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import FloatArray, checked, non_negative_number
+from .arrays import FloatArray, ReadOnlyArrays, checked, non_negative_number
 from .compiled import kernel_input
 from .errors import InvalidInputError
 from .inverse_kinematics import inverse_kinematics
@@ -22,7 +22,7 @@ _SAME_POINT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Interference:
+class Interference(ReadOnlyArrays):
     """Distances between cables, and between cables and the platform; arrays are read-only.
 
     Attributes

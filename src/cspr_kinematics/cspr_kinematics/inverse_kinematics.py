@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import FloatArray
+from .arrays import FloatArray, ReadOnlyArrays
 from .cable_paths import path_error, path_lengths
 from .compiled import in_batch, kernel_input
 from .kernels.cable_kernels import PATH_EXISTS, cables_at_poses
@@ -16,7 +16,7 @@ from .robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class Cables:
+class Cables(ReadOnlyArrays):
     """The cables at one pose or a batch of poses; arrays are read-only.
 
     Attributes

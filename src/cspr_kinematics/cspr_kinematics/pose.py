@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import FloatArray, as_floats, broadcast_batch, checked, frozen
+from .arrays import FloatArray, ReadOnlyArrays, as_floats, broadcast_batch, checked, frozen
 from .compiled import kernel_input
 from .errors import InvalidInputError
 from .kernels.rotation_kernels import pose_defects, quaternions, rotations
@@ -18,7 +18,7 @@ ORTHONORMALITY_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(ReadOnlyArrays):
     """Position and rotation of the platform in the base frame (MODEL section 1: p and Q).
 
     Attributes
@@ -145,7 +145,7 @@ class Pose:
 
 
 @dataclass(frozen=True, eq=False)
-class _LinearAngular:
+class _LinearAngular(ReadOnlyArrays):
     """A linear and an angular vector of the platform, both in base axes."""
 
     linear: FloatArray

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import FloatArray, checked, frozen
+from .arrays import FloatArray, ReadOnlyArrays, checked, frozen
 from .errors import InvalidInputError
 
 UPWARDS = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Pulleys:
+class Pulleys(ReadOnlyArrays):
     """The pulleys over which the cables leave the frame, alike for all cables or one by one.
 
     A cable comes from its winch along the swivel axis, in the axis' direction, and meets the pulley at the
@@ -49,11 +49,12 @@ class Pulleys:
             raise InvalidInputError(
                 "swivel_axis", swivel_axis, f"shape {axes.shape} where (3,) or (m, 3) is needed"
             )
-        norms = np.sqrt(np.einsum("...i,...i->...", axes, axes))[..., None]
-        if not np.all(norms > 0.0):
+        largest = np.abs(axes).max(axis=-1, keepdims=True)
+        if not np.all(largest > 0.0):
             raise InvalidInputError("swivel_axis", swivel_axis, "an axis without length has no direction")
+        axes = axes / largest  # so that no square overflows
         object.__setattr__(self, "radius", frozen(radii))
-        object.__setattr__(self, "swivel_axis", frozen(axes / norms))
+        object.__setattr__(self, "swivel_axis", frozen(axes / np.linalg.norm(axes, axis=-1, keepdims=True)))
 
     @classmethod
     def none(cls) -> Pulleys:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import FloatArray, checked, frozen, non_negative_number, positive_number
+from .arrays import FloatArray, ReadOnlyArrays, checked, frozen, non_negative_number, positive_number
 from .errors import InvalidInputError
 
 # Rounding allowance, relative to the largest element, in the tests of what an inertia must be.
@@ -18,7 +18,7 @@ TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
 @dataclass(frozen=True, eq=False)
-class RigidBody:
+class RigidBody(ReadOnlyArrays):
     """Mass properties of a rigid body, in platform axes.
 
     Attributes
@@ -88,7 +88,7 @@ class RigidBody:
 
 
 @dataclass(frozen=True, eq=False)
-class Payload:
+class Payload(ReadOnlyArrays):
     """What the platform carries: a point mass fixed to it.
 
     Attributes

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import FloatArray, checked, frozen, non_negative_number, positive_number
+from .arrays import FloatArray, ReadOnlyArrays, checked, frozen, non_negative_number, positive_number
 from .cable_paths import check_cables, checked_points, home_lengths, path_geometry
 from .errors import InvalidInputError
 from .pose import Pose
@@ -25,7 +25,7 @@ _HOME_LENGTH_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(ReadOnlyArrays):
     """A cable-suspended parallel robot with m cables, from fixed exit points or over swivelling pulleys.
 
     Attributes

@@ -33,6 +33,8 @@ _CODES: dict[str, int] = {
 }
 _EQUAL_WEIGHTS = kernel_input(np.ones(6), 6)
 _MOST_CABLES_WITH_CENTROID = 8
+# Below this many problems a thread costs more than it saves.
+_LEAST_PER_THREAD = 500
 
 
 def bounded_methods(number_of_cables: int) -> tuple[Method, ...]:
@@ -125,7 +127,7 @@ def distribute_tensions(
         done.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
 
     done: list[tuple[int, bool]] = []
-    in_chunks(work, n, threads)
+    in_chunks(work, n, threads, _LEAST_PER_THREAD)
     for singular, finite in done:
         if singular or not finite:
             checked("wrench", w)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import FloatArray, checked, frozen, non_negative_number, positive_number
+from .arrays import FloatArray, ReadOnlyArrays, checked, frozen, non_negative_number, positive_number
 from .errors import InvalidInputError
 
 
 @dataclass(frozen=True, eq=False)
-class Winch:
+class Winch(ReadOnlyArrays):
     """The transmission of all m winches: positive motor angle pays cable out, zero at the home pose.
 
     Attributes

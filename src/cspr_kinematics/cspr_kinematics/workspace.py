@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import BoolArray, FloatArray, checked, frozen, positive_integer, positive_number
+from .arrays import BoolArray, FloatArray, ReadOnlyArrays, checked, frozen, positive_integer, positive_number
 from .errors import CableReachError, InvalidInputError
 from .feasibility import Task, assess_task
 from .pose import Pose
@@ -29,7 +29,7 @@ _MOST_POSES = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Workspace:
+class Workspace(ReadOnlyArrays):
     """Margin and payloads of a task on a grid of positions; arrays are read-only.
 
     Attributes

@@ -15,7 +15,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import FloatArray, checked, positive_number
+from .arrays import FloatArray, ReadOnlyArrays, checked, positive_number
 from .compiled import kernel_input
 from .errors import InvalidInputError, SingularWrenchMatrixError
 from .kernels.null_space import RANK_TOLERANCE
@@ -23,7 +23,7 @@ from .kernels.wrench_set_kernels import faces_kernel
 
 
 @dataclass(frozen=True, eq=False)
-class WrenchSet:
+class WrenchSet(ReadOnlyArrays):
     """Wrenches within reach at one pose: those with normals @ wrench <= offsets; arrays are read-only.
 
     Attributes

@@ -147,7 +147,7 @@ def test_controllers_that_do_the_same_can_both_be_seen() -> None:
     time = np.arange(0.0, 5.0, 0.1)
     (axis,) = motor_error_over_time_figure({"100 kg": dict.fromkeys(names, (time, time))}).axes
     styles = [line.get_linestyle() for line in axis.lines]
-    assert styles == ["-", "-", "--", "-", "--"]
+    assert styles == ["-", "-", "--", "-", "--"]  # matplotlib's word for dashes of any length
 
 
 def test_a_change_is_marked_in_the_panels_of_those_runs_alone_that_had_it() -> None:

@@ -189,6 +189,22 @@ def test_two_runs_side_by_side(
     assert browser.troubles == []
 
 
+def test_the_figures_of_three_runs_have_the_whole_width(
+    browser: Browser, recorded_bag: Path, tmp_path: Path
+) -> None:
+    widths = []
+    for number in (1, 3):
+        runs = analyse_bags([recorded_bag] * number, configuration_directory=CONFIG)
+        write_report(runs, tmp_path / f"{number}.html")
+        browser.troubles.clear()
+        browser.open(tmp_path / f"{number}.html")
+        widths.append(browser.evaluate("document.getElementById('tensions').clientWidth"))
+        assert browser.evaluate("page.scenes.length") == number
+        assert browser.evaluate("document.getElementById('remarks').hidden")
+        assert browser.troubles == []
+    assert widths[1] > 1.8 * widths[0]
+
+
 def test_times_without_tensions_show_as_well(
     browser: Browser, record: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -216,5 +232,11 @@ def test_a_run_that_lacks_nearly_everything_still_shows(
     browser.open(tmp_path / "bare.html")
     assert browser.evaluate("document.body.dataset.ready") == "true"
     assert browser.evaluate("page.scenes[0].caption.textContent") == "no pose recorded at this time"
-    assert "/cable_tensions" in browser.evaluate("document.getElementById('remarks').textContent")
+    remarks = "document.getElementById('remarks')"
+    assert "/cable_tensions" in browser.evaluate(f"{remarks}.textContent")
+    assert len(runs[0].remarks) > 4
+    assert browser.evaluate(f"{remarks}.firstChild.textContent") == f"{len(runs[0].remarks)} remarks"
+    assert not browser.evaluate(f"{remarks}.open")
+    browser.evaluate(f"{remarks}.firstChild.click()")
+    assert browser.evaluate(f"{remarks}.open")
     assert browser.troubles == []

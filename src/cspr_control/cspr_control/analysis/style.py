@@ -94,9 +94,9 @@ def controller_colour(name: str, index: int) -> str:
     return CONTROLLER_COLOURS.get(name, COLOURS[index % len(COLOURS)])
 
 
-def controller_line(name: str, index: int) -> dict[str, str]:
+def controller_line(name: str, index: int) -> dict[str, Any]:
     """Return colour and line style of a controller, as `controller_colour` does, for ``Axes.plot``."""
-    style = "--" if name in DASHED_CONTROLLERS else "-"
+    style: Any = (0.0, (4.0, 4.0)) if name in DASHED_CONTROLLERS else "-"
     return {"color": controller_colour(name, index), "linestyle": style}
 
 

@@ -338,9 +338,16 @@ def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
         print(f"  report                none: {problem}\n")
     else:
         if results.figures:
-            place = os.path.relpath(directory / FIGURES)
-            print(f"  figures               {place} ({len(results.figures)}, each as PNG and SVG)")
-        print(f"  report                {os.path.relpath(results.report)}\n")
+            print(
+                f"  figures               {_shown(directory / FIGURES)} ({len(results.figures)}, each as PNG and SVG)"
+            )
+        print(f"  report                {_shown(results.report)}\n")
+
+
+def _shown(path: Path) -> Path:
+    """Return a path as it is shown: from here on, if it lies here."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 if __name__ == "__main__":

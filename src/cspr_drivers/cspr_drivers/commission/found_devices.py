@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import can
 
 from cspr_drivers import cia402, cia404
-from cspr_drivers.can_bus import CanPort
+from cspr_drivers.can_bus import CanPort, CanPorts
 from cspr_drivers.canopen_device import CanopenDevice
 from cspr_drivers.errors import BusError, DeviceError
 from cspr_drivers.frame_table import FunctionCode, cob_id
@@ -50,22 +52,30 @@ class FoundDevice:
         )
 
 
-def require_no_driver(port: CanPort, master_node_id: int, period: float) -> None:
-    """Listen whether a driver is active on a bus.
+def require_no_driver(ports: CanPorts, master_node_id: int, period: float) -> None:
+    """Listen, for ten heartbeats of a driver, whether one is active on a bus.
 
     Raises
     ------
     BusError
-        If its heartbeat is seen.
+        As soon as its heartbeat is seen.
     """
-    heard = []
     identifier = cob_id(FunctionCode.HEARTBEAT, master_node_id)
-    port.network.subscribe(identifier, lambda *frame: heard.append(frame))
-    time.sleep(1.5 * period)
-    port.network.unsubscribe(identifier)
+    heard: list[str] = []
+    beat = threading.Event()
+
+    def hear(bus: str, *_frame: object) -> None:
+        heard.append(bus)
+        beat.set()
+
+    for port in ports:
+        port.network.subscribe(identifier, partial(hear, port.name))
+    beat.wait(10.0 * period)
+    for port in ports:
+        port.network.unsubscribe(identifier)
     if heard:
         raise BusError(
-            f"a driver is active on the CAN bus {port.name}: its heartbeat as node {master_node_id} "
+            f"a driver is active on the CAN bus {heard[0]}: its heartbeat as node {master_node_id} "
             "was seen; stop it first"
         )
 

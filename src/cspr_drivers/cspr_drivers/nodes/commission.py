@@ -113,8 +113,7 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
         findings = Findings()
     ports = _open(can)
     try:
-        for port in ports:
-            require_no_driver(port, can.master_node_id, can.timeouts.heartbeat_producer)
+        require_no_driver(ports, can.master_node_id, can.timeouts.heartbeat_producer)
         with MasterHeartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
             machine = Machine(can, ports, _pay_out(robot), torque)
             Walk(machine, questions, findings, kept.save).run()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import traceback
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
@@ -150,6 +151,7 @@ class RobotEmulator:
                     buses[bus.name] = network.bus
                 else:
                     network.NOTIFIER_CYCLE = _LONGEST_CLOSING
+                    network.listeners[:] = [_Receiver(network, partial(self._deliver, network))]
                     network.connect()
                 for config, node in zip(node_configs, self._nodes, strict=True):
                     if config.bus == bus.name:
@@ -321,3 +323,20 @@ class RobotEmulator:
         self._last_tick = time
         for node in self._nodes:
             node.tick(time, supervise)
+
+
+class _Receiver:
+    """What python-can's receiving thread calls for one bus of the kernel; the devices outlive its interface."""
+
+    def __init__(self, network: canopen.Network, deliver: Callable[[can.Message], None]) -> None:
+        self._network = network
+        self._deliver = deliver
+
+    def __call__(self, message: can.Message) -> None:
+        self._deliver(message)
+
+    def on_error(self, error: Exception) -> None:
+        """Go on after a failure: an interface that is down may come up again, and canopen would send no more."""
+        if self._network.notifier is not None:
+            self._network.notifier.exception = None
+        clock.sleep(_LONGEST_CLOSING)

@@ -478,7 +478,7 @@ class BarChart {
     const gap = panel.clusters.length > 30 ? 0 : 0.1;
     const bar = (cluster * (1 - 2 * gap)) / Math.max(1, bars.length);
     panel.places = [];
-    const room = 14 + Math.max(...panel.clusters.map((name) => c.measureText(name).width));
+    const room = 8 + Math.max(...panel.clusters.map((name) => c.measureText(name).width));
     const least = Math.ceil(room / cluster);
     const every = [1, 2, 5, 10, 20, 50].find((step) => step >= least) || least;
     panel.clusters.forEach((name, i) => {

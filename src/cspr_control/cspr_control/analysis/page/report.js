@@ -6,6 +6,7 @@ const STATE_COLORS = {
   enabled: "#cfe8dc", disabled: "#e4e7eb", enabling: "#e8f1fa", stopping: "#fbe9c6", fault: "#f5c9b3",
 };
 const AXIS_COLORS = ["#0072B2", "#E69F00", "#009E73"];
+const SHOWN_REMARKS = 4;
 const CAMERA = { yaw: 0.55, pitch: 0.32, zoom: 1 };
 
 class Page {
@@ -28,6 +29,7 @@ class Page {
   build() {
     document.title = this.report.title;
     document.body.classList.toggle("one-run", this.runs.length === 1);
+    document.body.classList.toggle("many-runs", this.runs.length > 2); // a figure has a panel for each of them
     document.getElementById("title").textContent = this.report.title;
     document.getElementById("subtitle").textContent = this.report.subtitle;
     this.buildRemarks();
@@ -213,10 +215,12 @@ class Page {
   // ------------------------------------------------------------------ parts of the page
 
   buildRemarks() {
-    const list = document.getElementById("remarks");
-    const remarks = this.runs.flatMap((run) => run.remarks);
-    list.hidden = remarks.length === 0;
-    for (const remark of new Set(remarks)) list.append(withText("li", remark));
+    const place = document.getElementById("remarks");
+    const remarks = [...new Set(this.runs.flatMap((run) => run.remarks))];
+    place.hidden = remarks.length === 0;
+    place.open = remarks.length <= SHOWN_REMARKS; // more of them would stand before everything else
+    place.querySelector("summary").textContent = remarks.length === 1 ? "1 remark" : `${remarks.length} remarks`;
+    place.querySelector("ul").append(...remarks.map((remark) => withText("li", remark)));
   }
 
   buildSummary() {

@@ -273,6 +273,8 @@ class Scene {
     const left = width - 118;
     const row = 15;
     const top = height - 14 - row * tensions.length;
+    c.fillStyle = "rgba(252, 253, 255, 0.85)"; // the frame lies behind
+    c.fillRect(left - 28, top - 20, 142, row * tensions.length + 24);
     c.font = "11px system-ui, sans-serif";
     c.textBaseline = "middle";
     c.fillStyle = INK;

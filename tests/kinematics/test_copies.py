@@ -1,0 +1,115 @@
+"""What crosses a process or is copied: arrays stay read-only, kernels compiled, errors with their data."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cspr_kinematics import (
+    Acceleration,
+    CableReachError,
+    ForwardKinematicsError,
+    InvalidInputError,
+    KinematicsError,
+    Payload,
+    Pose,
+    Robot,
+    RobotFileError,
+    SingularWrenchMatrixError,
+    Task,
+    Twist,
+    available_wrenches,
+    cable_interference,
+    cable_lengths,
+    feedforward_tensions,
+    forward_kinematics,
+    inverse_kinematics,
+    solve_forward_kinematics,
+)
+from cspr_kinematics.kernels.cable_kernels import cables_at_poses
+from cspr_kinematics.kernels.feedforward_kernels import feedforward_at_poses
+from cspr_kinematics.kernels.forward_kernels import forward_at_poses
+
+KERNELS: tuple[Any, ...] = (cables_at_poses, feedforward_at_poses, forward_at_poses)
+WAYS: dict[str, Callable[[Any], Any]] = {
+    "pickle": lambda value: pickle.loads(pickle.dumps(value)),
+    "deepcopy": copy.deepcopy,
+}
+
+
+def arrays_of(value: object) -> list[np.ndarray]:
+    """All arrays of an immutable object, those of its parts included."""
+    if isinstance(value, np.ndarray):
+        return [value]
+    found: list[np.ndarray] = []
+    if dataclasses.is_dataclass(value):
+        for part in vars(value).values():
+            found += arrays_of(part)
+    return found
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_copies_are_immutable_and_compile_nothing(robot_with_pulleys: Robot, way: str) -> None:
+    robot, home, payload = robot_with_pulleys, robot_with_pulleys.home, Payload(50.0, [0.1, 0.0, 0.0])
+    motion = home, Twist([0.1, 0.0, 0.0], [0.0, 0.1, 0.0]), Acceleration([0.0, 0.1, 0.0], [0.1, 0.0, 0.0])
+    lengths = cable_lengths(robot, home)
+    expected = feedforward_tensions(robot, *motion, payload)
+    A = inverse_kinematics(robot, home).wrench_matrix
+    forward_kinematics(robot, lengths, home)
+    signatures = [list(kernel.signatures) for kernel in KERNELS]
+    everything = (
+        *(robot, payload, *motion, inverse_kinematics(robot, home), solve_forward_kinematics(robot, lengths)),
+        *(Task(0.0, 1.0), available_wrenches(A, 50.0, 3000.0), cable_interference(robot, home)),
+    )
+    copies = [WAYS[way](value) for value in everything]
+    for value in copies:
+        assert arrays_of(value)
+        assert not any(array.flags.writeable for array in arrays_of(value)), type(value)
+    other, load, *moved = copies[:5]
+    result = feedforward_tensions(other, *moved, load)
+    np.testing.assert_array_equal(result.tensions, expected.tensions)
+    np.testing.assert_array_equal(forward_kinematics(other, lengths, moved[0]).position, home.position)
+    assert [list(kernel.signatures) for kernel in KERNELS] == signatures
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InvalidInputError("payload mass", -1.0, "must not be negative"),
+        RobotFileError("robot.yaml", "winch.drum_radius", 0, "must be positive"),
+        CableReachError("no length", 3, np.zeros(3), np.eye(3), (1, 2)),
+        SingularWrenchMatrixError("flat", np.zeros((6, 8)), np.zeros(6), (4,)),
+        ForwardKinematicsError("no pose", np.ones(8), 7, np.array(False)),
+    ],
+)
+@pytest.mark.parametrize("way", WAYS)
+def test_errors_keep_message_and_data(error: KinematicsError, way: str) -> None:
+    other = WAYS[way](error)
+    assert type(other) is type(error)
+    assert str(other) == str(error)
+    assert vars(other).keys() == vars(error).keys()
+    for name, value in vars(error).items():
+        np.testing.assert_array_equal(vars(other)[name], value)
+
+
+def _lengths(robot: Robot, pose: Pose) -> np.ndarray:
+    return inverse_kinematics(robot, pose).lengths
+
+
+def test_an_error_in_another_process_comes_back(robot: Robot) -> None:
+    touching = Pose(robot.exit_points[2] - robot.anchor_points[2], np.eye(3))
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        np.testing.assert_array_equal(
+            pool.submit(_lengths, robot, robot.home).result(), robot.winch.home_lengths
+        )
+        with pytest.raises(CableReachError, match="cable 3") as caught:
+            pool.submit(_lengths, robot, touching).result()
+    assert caught.value.cable == 3
