@@ -45,7 +45,7 @@ demo: $(READY)
 test: $(READY)
 	@echo "== tests"
 ifeq ($(strip $(ARGS)),)
-	$(VENV)/bin/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --ignore tests/graph/test_closed_loop.py
+	$(VENV)/bin/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal --ignore tests/graph/test_closed_loop.py
 	@echo "== tests of the whole graph, which wants the CPUs for itself"
 	$(VENV)/bin/python -m pytest -q tests/graph/test_closed_loop.py
 else
