@@ -417,6 +417,7 @@ def test_mass_estimator_publishes_and_says_at_once_when_it_is_not_valid(bench, r
     slack = np.array(tensions)
     slack[4] = 0.0
     diagnostics.clear()
+    bench.until(lambda: diagnostics, cycle)  # the next regular ones are a second away
 
     def invalidities():
         newest = [from_diagnostic_array(m)["mass_estimator"] for m in diagnostics]
@@ -424,7 +425,7 @@ def test_mass_estimator_publishes_and_says_at_once_when_it_is_not_valid(bench, r
 
     begin = time.monotonic()
     bench.until(lambda: "slack_cable" in invalidities(), lambda: cycle(slack))
-    assert time.monotonic() - begin < 0.5
+    assert time.monotonic() - begin < 0.9
     assert mass() == pytest.approx(90.0, abs=0.01)
 
 

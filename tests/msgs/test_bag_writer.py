@@ -365,7 +365,7 @@ class TestWriter:
         start = time.monotonic()
         for index in range(1500):
             writer.write(topic, index, index, data)
-        assert time.monotonic() - start < 0.2
+        assert time.monotonic() - start < 5.0  # the disk takes 10 s
         assert writer.waiting == 1000
         assert writer.drops == {"/motor_states": 500}
         release.set()
