@@ -127,6 +127,32 @@ def test_impatience_does_not_interrupt_making_safe() -> None:
     assert "controller safe" in output
 
 
+SIGNALS_IN_A_METHOD_OF_THE_FUTURE = """
+import os, signal, threading
+from cspr_msgs_py.nodes.process import _stop_on_signal
+
+def ignore(future):
+    pass
+
+for _ in range(30):
+    with _stop_on_signal() as stop:
+        stop.armed = True
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+        while not stop.future.done():
+            stop.future.add_done_callback(ignore)  # holds the future's lock most of the time
+            stop.future.remove_done_callback(ignore)
+print("ended")
+"""
+
+
+def test_a_signal_that_interrupts_the_future_itself_ends_the_process() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", SIGNALS_IN_A_METHOD_OF_THE_FUTURE],
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    assert ended.stdout == "ended\n"
+
+
 def test_a_signal_during_the_start_ends_it() -> None:
     program = Program("slow start")
     program.wait_for("starting")

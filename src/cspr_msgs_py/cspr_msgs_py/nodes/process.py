@@ -113,19 +113,28 @@ def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) ->
 
 
 class _Stop:
-    """The request to stop, as the future that ends the executor's spinning."""
+    """The request to stop, as the future that ends the executor's spinning.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    wake_up
+        Lets another thread than the main one call `request`.
+    """
+
+    def __init__(self, wake_up: Callable[[], None]) -> None:
         self.future = Future()
         self.armed = False  # whether nodes are there to be made safe; before, a signal interrupts the start
+        self._wake_up = wake_up
 
     def request(self) -> None:
         if not self.future.done():
             self.future.set_result(None)
 
     def on_signal(self, number: int, frame: object) -> None:
+        # The main thread may be interrupted in the middle of a method of the future, with the future's lock held:
+        # asked here, the future would wait for that for ever.
         if self.armed:
-            self.request()
+            self._wake_up()
         else:
             self.armed = True
             raise KeyboardInterrupt
@@ -139,9 +148,14 @@ def _stop_on_signal() -> Iterator[_Stop]:
     Python's run only when the main thread executes Python code, which it does not while the executor waits:
     so the interpreter's wake-up descriptor tells a thread, and the thread tells the executor.
     """
-    stop = _Stop()
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
+
+    def wake_up() -> None:
+        with suppress(BlockingIOError):  # the pipe is full of requests
+            os.write(writing, b"\0")
+
+    stop = _Stop(wake_up)
 
     def wait() -> None:
         while os.read(reading, 1) != b"":
