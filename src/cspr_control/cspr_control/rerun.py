@@ -146,6 +146,7 @@ def rerun_estimator(
     poses: Poses,
     updates: Sequence[int],
     initial: Payload | None = None,
+    first: int = 0,
     progress: Progress = _silent,
 ) -> EstimatedPayloads:
     """Estimate the payload from recorded tensions and poses.
@@ -163,11 +164,13 @@ def rerun_estimator(
     initial
         Published at the first update. A recording may begin when the estimator has been at work for long; its
         first message tells where the rate limit stood.
+    first
+        Index of the first update that is made; of those before, the recording may not have the inputs.
     progress
         Called now and then with the share that is done.
     """
     estimator = PayloadEstimator(robot, settings.first, initial)
-    begin = updates[0]
+    begin = updates[first]
     rows: list[tuple[int, int, int, float, Floats, bool]] = []
 
     def change(time: int, index: int) -> None:
@@ -193,13 +196,15 @@ def rerun_estimator(
         estimate = estimator.update((time - begin) * _SECOND)
         if estimate.samples > 0:
             payload = estimate.published
-            rows.append((index, estimate.stamp, time, payload.mass, payload.center_of_mass, estimate.valid))
+            rows.append(
+                (first + index, estimate.stamp, time, payload.mass, payload.center_of_mass, estimate.valid)
+            )
 
     changes = [time for time, _ in settings.changes]
     arrivals = (tensions.log_time_ns, poses.log_time_ns)
     handlers = (change, observe_tensions, observe_pose, update)
     for time, handler, index in _in_order(
-        progress, changes, *(times.tolist() for times in arrivals), updates
+        progress, changes, *(times.tolist() for times in arrivals), updates[first:]
     ):
         handlers[handler](time, index)
     indices, stamps, times, masses, centers, valid = _columns(rows, 6)

@@ -156,14 +156,20 @@ def _estimate(
 ) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
     settings, values = schedule(recording, "mass_estimator", MASS_ESTIMATOR, estimator_settings, given)
     tensions, poses = recording.tensions(), recording.poses()
-    recorded, initial, published = None, None, []
+    recorded, initial, first = None, None, 0
+    published: Sequence[int] = []
     if recording.holds(topics.PAYLOAD):
         recorded = recording.payloads()
-        initial = Payload(float(recorded.mass[0]), recorded.center_of_mass[0])
         published = recording.publish_times(topics.PAYLOAD)
     updates = update_times(tensions, poses, recorded, published)
-    progress = _progress("mass_estimator")
-    payloads = rerun_estimator(recording.robot, settings, tensions, poses, updates, initial, progress)
+    if recorded is not None:
+        # a recorder that is new in the graph meets one topic after the other, the inputs perhaps last
+        inputs = max(tensions.log_time_ns[0], poses.log_time_ns[0])
+        first = next((index for index, time in enumerate(updates) if time >= inputs), len(updates) - 1)
+        initial = Payload(float(recorded.mass[first]), recorded.center_of_mass[first])
+    payloads = rerun_estimator(
+        recording.robot, settings, tensions, poses, updates, initial, first, _progress("mass_estimator")
+    )
     if len(payloads.mass) == 0:
         raise ControlError("nothing to re-run: the recording holds no valid measurement of the payload")
     truth_topic = topics.SIMULATED_PAYLOAD
