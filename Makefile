@@ -42,10 +42,11 @@ demo: $(READY)
 	@echo "== demo: the whole graph on a simulated robot"
 	@$(VENV)/bin/python -m cspr_control.nodes.demo $(ARGS)
 
+# More workers than some machines have CPUs: many tests wait for other processes.
 test: $(READY)
 	@echo "== tests"
 ifeq ($(strip $(ARGS)),)
-	$(VENV)/bin/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal --ignore tests/graph/test_closed_loop.py
+	$(VENV)/bin/python -m pytest -q -n 4 --dist worksteal --ignore tests/graph/test_closed_loop.py
 	@echo "== tests of the whole graph, which wants the CPUs for itself"
 	$(VENV)/bin/python -m pytest -q tests/graph/test_closed_loop.py
 else
