@@ -103,14 +103,15 @@ _LINE = re.compile(r"\(([\d.]+)\) (\w+) ([0-9A-F]+)#([0-9A-F]*)")
 
 
 class Candump:
-    """can-utils' candump, as a witness that shares no code with either end."""
+    """can-utils' candump, as a witness that shares no code with either end.
 
-    def __init__(self, path, filters=""):
+    It listens on any interface: bound to one, it would hear nothing any more of one that was removed and made again.
+    """
+
+    def __init__(self, path):
         self._path = path
         self._file = path.open("w")
-        channels = [name + filters for name in CHANNELS]
-        self._process = subprocess.Popen(["candump", "-L", *channels], stdout=self._file)
-        self._offset = 0
+        self._process = subprocess.Popen(["candump", "-L", "any"], stdout=self._file)
 
     def frames(self, since=0.0):
         """Return the frames that were seen from a moment (s of the system clock) on."""

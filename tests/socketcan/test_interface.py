@@ -16,6 +16,7 @@ from cspr_drivers.socketcan_bus import QuickSocketCan
 
 CHANNEL = "vcan1"
 PATIENCE = 60.0  # s
+QUIET = 0.5  # s without a frame after which none is on its way any more: the kernel may deliver after `send` returned
 
 
 @pytest.fixture
@@ -34,9 +35,9 @@ def socket(interface):
 
 
 def drained(socket):
-    """Return the frames that wait in the socket."""
+    """Return the frames that wait in the socket or are on their way to it."""
     frames = []
-    while (frame := socket.recv(0.0)) is not None:
+    while (frame := socket.recv(QUIET)) is not None:
         frames.append(frame)
     return frames
 
