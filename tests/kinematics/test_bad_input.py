@@ -184,6 +184,17 @@ def test_other_types_of_numbers_count_as_what_they_are(robot: Robot, dtype: Any)
     np.testing.assert_array_equal(Twist(w[:3], w[3:]).linear, [0.0, 0.0, 100.0])
 
 
+def test_numbers_that_are_not_aligned_count_as_what_they_are(robot: Robot) -> None:
+    """As numpy shows the doubles of a message, which lie four bytes off."""
+    message = bytes(4) + np.array([0.1, -0.2, 1.3, 0.0, 0.0, 0.6, 0.8]).tobytes()
+    position, quaternion = np.frombuffer(message, float, 3, 4), np.frombuffer(message, float, 4, 28)
+    assert not position.flags.aligned
+    pose = Pose.from_quaternion(position, quaternion)
+    np.testing.assert_array_equal(pose.position, [0.1, -0.2, 1.3])
+    np.testing.assert_allclose(pose.quaternion, [0.0, 0.0, 0.6, 0.8])
+    assert pose.position.flags.aligned
+
+
 @pytest.mark.parametrize("size", [1e150, 1e200, 1e308])
 def test_numbers_too_large_to_reckon_with(any_robot: Robot, size: float) -> None:
     """Squares and products of what is passed overflow: nothing that is not finite comes back in silence."""

@@ -66,6 +66,8 @@ def as_floats(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
         array = np.asarray(value)
         if array is not value or array.dtype != _DOUBLE:
             array = _real_numbers(value, array)
+        if not array.flags.aligned:  # a view of bytes, such as those of a message; BLAS may crash on one
+            array = array.copy()
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(name, value, f"not an array of numbers ({error})") from error
     if array.ndim < len(last_axes) or array.shape[array.ndim - len(last_axes) :] != last_axes:
