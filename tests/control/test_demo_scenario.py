@@ -50,8 +50,9 @@ def test_what_was_chosen_stands_in_the_copy(tmp_path: Path) -> None:
 def test_without_real_time_priority_the_watchdogs_wait_longer(tmp_path: Path) -> None:
     files = copied(replace(SCENARIO, realtime=False), tmp_path / "config")
     assert files["can"]["timeouts"]["command"] > shipped("can")["timeouts"]["command"]
-    ages = shipped("control")["supervisor"]["ros__parameters"]["max_age"]
-    assert parameters(files, "supervisor")["max_age"]["motor_states"] > ages["motor_states"]
+    relaxed, limits = parameters(files, "supervisor"), shipped("control")["supervisor"]["ros__parameters"]
+    assert relaxed["max_age"]["motor_states"] > limits["max_age"]["motor_states"]
+    assert relaxed["following_error_time"] > limits["following_error_time"]
 
 
 def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ _RELAXED_WATCHDOGS = {
     "heartbeat_consumer": 2.0,
 }  # s, in can.yaml
 _RELAXED_AGES = {"motor_states": 1.0, "setpoint": 1.0, "cable_tensions": 1.0, "platform_pose": 1.0}  # s
+_RELAXED_TIMES = {"following_error_time": 0.2}  # s, of the supervisor
 
 # Parameters that count on the computer's clock, and so have to be told of a slower machine.
 _DURATIONS = {
@@ -123,9 +124,10 @@ class Scenario:
             feedforward["model"] = model
             # the truth comes over the same path as the estimate would
             feedforward["payload_source"] = "estimated" if self.exact_mass else payload_source
-            ages = control["supervisor"]["ros__parameters"]["max_age"]
+            supervisor = control["supervisor"]["ros__parameters"]
             if not self.realtime:
-                _relax(ages, _RELAXED_AGES)
+                _relax(supervisor["max_age"], _RELAXED_AGES)
+                _relax(supervisor, _RELAXED_TIMES)
             if self.speed != 1.0:
                 self._slow_down(control)
 
