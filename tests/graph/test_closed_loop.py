@@ -92,7 +92,7 @@ def gone(pids: dict[str, int]) -> bool:
 
 
 def test_the_robot_moves_and_is_recorded(tmp_path: Path, demo: list[Demo]) -> None:
-    demo.append(Demo(tmp_path, "--trajectory", "smooth-19", "--speed", "0.6"))
+    demo.append(Demo(tmp_path, "--trajectory", "smooth-19", "--speed", "0.8"))
     assert demo[0].end(200.0) == 0, demo[0].text
     run = demo[0].runs / "latest"
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
