@@ -40,7 +40,7 @@ $(BENCH_READY): requirements-bench.txt | $(READY)
 
 demo: $(READY)
 	@echo "== demo: the whole graph on a simulated robot"
-	@$(VENV)/bin/python -m cspr_control.nodes.demo $(ARGS)
+	@$(VENV)/bin/python -m cspr_control.programs.demo $(ARGS)
 
 # More workers than some machines have CPUs: many tests wait for other processes.
 test: $(READY)

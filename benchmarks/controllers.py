@@ -10,8 +10,8 @@ from multiprocessing import Pool
 import numpy as np
 from studies.closed_loop import LoopSettings, run, settling_time
 
-from cspr_control.feedforward import FeedforwardModel, PayloadSource
-from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_control.motors.feedforward import FeedforwardModel, PayloadSource
+from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
 
 NOMINAL = PayloadSource.NOMINAL

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.stepped_graph import LIMITS, SteppedGraph
-from cspr_control.point_to_point import MotionLimits, PointToPoint
-from cspr_control.supervision import RobotState
+from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.supervision.supervisor import RobotState
 from cspr_drivers.simulation.fault_injection import FaultOrder, InjectedFault
 from cspr_kinematics import Pose
 

@@ -13,9 +13,9 @@ import numpy as np
 from studies.closed_loop import LoopSettings, run, settling_time
 
 from cspr_control.errors import ControlError
-from cspr_control.motor_control import MotorGains
-from cspr_control.payload_estimation import EstimatorSettings
-from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_control.estimation.payload import EstimatorSettings
+from cspr_control.motors.motor_control import MotorGains
+from cspr_control.reference.catalogue import TrajectoryName
 
 TIME_CONSTANTS = (0.4, 0.2, 0.1, 0.05, 0.03, 0.01)  # s
 INERTIA_FACTORS = (1.0, 0.1)

@@ -23,8 +23,8 @@ from cspr_kinematics import (
     required_wrench,
     solve_forward_kinematics,
 )
-from cspr_kinematics.dynamics import total_parameters
-from cspr_kinematics.kernels.feedforward_kernels import feedforward_at_poses
+from cspr_kinematics.dynamics.dynamics import total_parameters
+from cspr_kinematics.tensions._feedforward_tensions import feedforward_at_poses
 
 BATCH = 100_000
 

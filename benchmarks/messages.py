@@ -7,9 +7,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from benchmarks.timing import microseconds
-from cspr_msgs_py.conversions import time_message
-from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.topics import motor_names
+from cspr_msgs_py.wire.conversions import time_message
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 
 def main() -> None:

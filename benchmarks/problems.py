@@ -7,15 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cspr_kinematics import (
-    Acceleration,
-    Payload,
-    Pose,
-    Robot,
-    Twist,
-    distribute_tensions,
-    inverse_kinematics,
-)
+from cspr_kinematics import Acceleration, Payload, Pose, Robot, Twist, distribute_tensions, inverse_kinematics
 from cspr_kinematics.compiled import kernel_input
 
 CONFIG = Path(__file__).parents[1] / "config"

@@ -18,12 +18,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from cspr_msgs_py.bag_file import BagFile
-from cspr_msgs_py.bag_metadata import RecordedTopic
-from cspr_msgs_py.bag_reader import Bag
-from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.bag.bag_file import BagFile
+from cspr_msgs_py.bag.metadata import RecordedTopic
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.topics import MOTOR_STATES, motor_names
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 MOTORS = 8
 PERIOD = 4_000_000  # ns

@@ -22,11 +22,8 @@ import rclpy
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from cspr_msgs_py.bag_reader import Bag
-from cspr_msgs_py.conversions import inertia_stamped, pose_stamped
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import LEAN_NODE, advertise
-from cspr_msgs_py.reference import VECTORS, ReferenceCodec, ReferenceSample
+from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.runtime.process import LEAN_NODE, advertise
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     MOTOR_STATES,
@@ -39,6 +36,9 @@ from cspr_msgs_py.topics import (
     motor_command,
     motor_names,
 )
+from cspr_msgs_py.wire.conversions import inertia_stamped, pose_stamped
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.reference import VECTORS, ReferenceCodec, ReferenceSample
 
 RATE = 500  # Hz
 MOTORS = 8

@@ -12,19 +12,19 @@ import yaml
 from numpy.typing import NDArray
 
 from benchmarks.stepped_robot import SteppedRobot
-from cspr_control.feedforward import Feedforward, FeedforwardSettings
-from cspr_control.motor_control import MotorController, MotorGains
-from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
-from cspr_control.point_to_point import MotionLimits
-from cspr_control.pose_estimation import PoseEstimator
-from cspr_control.reference import ReferencePoint
-from cspr_control.supervision import Action, Decision, DriverState, RobotState, Supervisor
-from cspr_control.supervision_checks import MonitoredInput, SupervisionLimits
-from cspr_control.trajectory import Trajectory
-from cspr_control.trajectory_player import TrajectoryPlayer
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.drive_report import MotorStates
-from cspr_drivers.load_cell_master import in_words
+from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
+from cspr_control.estimation.pose import PoseEstimator
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
+from cspr_control.motors.motor_control import MotorController, MotorGains
+from cspr_control.reference.player import TrajectoryPlayer
+from cspr_control.reference.point_to_point import MotionLimits
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_control.reference.trajectory import Trajectory
+from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_control.supervision.supervisor import Action, Decision, DriverState, RobotState, Supervisor
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.load_cells.master import in_words
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload, Robot
 

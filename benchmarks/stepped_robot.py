@@ -19,19 +19,19 @@ import can
 import canopen
 
 from cspr_drivers import clock as machine_clock
-from cspr_drivers import drive_master
-from cspr_drivers.can_bus import CanPort, CanPorts
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.drive_master import DriveMaster
-from cspr_drivers.drive_report import MotorStates
-from cspr_drivers.frame_table import SYNC_COB_ID
-from cspr_drivers.load_cell_master import LoadCellMaster
-from cspr_drivers.simulation.bus_timing import DRIVER, BusTiming
-from cspr_drivers.simulation.drive_emulator import DriveEmulator
+from cspr_drivers.bus.can_bus import CanPort, CanPorts
+from cspr_drivers.canopen.frame_table import SYNC_COB_ID
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives import master as drive_master
+from cspr_drivers.drives.master import DriveMaster
+from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.load_cells.master import LoadCellMaster
+from cspr_drivers.simulation.bus.bus_timing import DRIVER, BusTiming
+from cspr_drivers.simulation.devices.drive import DriveEmulator
+from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.fault_injection import FaultInjector
-from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
-from cspr_drivers.simulation.plant import Plant
-from cspr_drivers.simulation.shared_plant import SharedPlant
+from cspr_drivers.simulation.plant.plant import Plant
+from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 
 TICK = 0.002  # s between two looks of a device at its time-outs and its brake

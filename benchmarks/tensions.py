@@ -13,7 +13,7 @@ from benchmarks.solvers import Solver
 from benchmarks.timing import microseconds
 from cspr_kinematics import distribute_tensions
 from cspr_kinematics.compiled import kernel_input
-from cspr_kinematics.kernels.tension_kernels import bounded_tensions_kernel
+from cspr_kinematics.tensions._bounded import bounded_tensions_kernel
 
 CABLES = (6, 8, 10, 12, 14, 16)
 PROBLEMS = 40

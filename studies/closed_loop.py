@@ -9,25 +9,25 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control import run_summary
-from cspr_control.feedforward import Feedforward, FeedforwardModel, PayloadSource, Setpoint
-from cspr_control.motor_control import MotorController, MotorGains
-from cspr_control.node_parameters import (
+from cspr_control.analysis.numbers import run_summary
+from cspr_control.analysis.numbers.run_summary import MassTrace
+from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
+from cspr_control.estimation.pose import PoseEstimator
+from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, PayloadSource, Setpoint
+from cspr_control.motors.motor_control import MotorController, MotorGains
+from cspr_control.parameters.file import ParameterFile
+from cspr_control.parameters.tables import (
     FEEDFORWARD,
     MASS_ESTIMATOR,
     estimator_settings,
     feedforward_settings,
     parameter_values,
 )
-from cspr_control.parameter_file import ParameterFile
-from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
-from cspr_control.point_to_point import MotionLimits, PointToPoint
-from cspr_control.pose_estimation import PoseEstimator
-from cspr_control.reference import ReferencePoint
-from cspr_control.run_summary import MassTrace
-from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
-from cspr_control.trajectory_player import TrajectoryPhase, TrajectoryPlayer
-from cspr_drivers.simulation.plant import Plant
+from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.player import TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_drivers.simulation.plant.plant import Plant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload, Pulleys, Robot
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.errors import ControlError
-from cspr_control.trajectory_catalogue import TrajectoryName
-from cspr_msgs_py.bag_reader import Bag
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import SIMULATED_PAYLOAD
 from studies.closed_loop import CONFIG, LoopSettings, run, settling_time
 from studies.experiment import CONTROLLERS

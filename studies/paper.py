@@ -127,7 +127,7 @@ def _compare_live(live: str | None, speed: str, output: Path) -> Agreement:
 
 def _run_demo(runs: Path, speed: str) -> Path:
     """Run the default case of the demo; returns the directory of the run."""
-    command = [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(runs), "--speed", speed]
+    command = [sys.executable, "-m", "cspr_control.programs.demo", "--runs", str(runs), "--speed", speed]
     if subprocess.run(command, cwd=ROOT, check=False).returncode != 0:
         raise ControlError(
             "the live run failed; --live none leaves it out, --live RUN takes another one, --speed 0.5 makes it slower"

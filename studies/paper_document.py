@@ -9,9 +9,9 @@ import re
 
 import numpy as np
 
-from cspr_control.analysis.style import controller_title
-from cspr_control.paper_trajectories import paper_19
-from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_control.analysis.figures.style import controller_title
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Robot
 from studies import live_agreement
 from studies.experiment import CHANGING, COMPARED, LOADS, TRAJECTORIES, Case

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from cspr_control.analysis.paper_figures import (
+from cspr_control.analysis.figures.paper import (
     deviation_figure,
     motor_error_figure,
     motor_error_over_time_figure,
@@ -15,9 +15,9 @@ from cspr_control.analysis.paper_figures import (
     tension_figure,
     trajectory_figure,
 )
-from cspr_control.analysis.style import house_style, save_figure
-from cspr_control.paper_trajectories import paper_18
-from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_control.analysis.figures.style import house_style, save_figure
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_control.reference.paper import paper_18
 from cspr_kinematics import Robot
 from studies.experiment import COMPARED, LOADS, TRAJECTORIES, Case
 from studies.paper_results import SHOWN_CABLE, SHOWN_MOTOR, LoopResults, TensionResults

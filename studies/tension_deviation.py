@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
-from cspr_control.paper_trajectories import paper_18, paper_19_tilt
-from cspr_control.trajectory import Trajectory
+from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
+from cspr_control.reference.paper import paper_18, paper_19_tilt
+from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Payload, Robot
 
 FloatArray = NDArray[np.float64]

@@ -3,7 +3,7 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_control"
-EXECUTABLES = (
+NODES = (
     "trajectory_publisher",
     "feedforward",
     "motor_controller",
@@ -12,11 +12,8 @@ EXECUTABLES = (
     "supervisor",
     "robot_markers",
     "control",
-    "demo",
-    "workspace",
-    "analyze",
-    "rerun",
 )
+PROGRAMS = ("demo", "workspace", "analyze", "rerun")
 
 setup(
     name=PACKAGE,
@@ -42,6 +39,9 @@ setup(
     description="Trajectories, feed-forward, motor control, payload estimation and supervision",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [f"{name} = {PACKAGE}.nodes.{name}:main" for name in EXECUTABLES],
+        "console_scripts": [
+            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
+            *(f"{name} = {PACKAGE}.programs.{name}:main" for name in PROGRAMS),
+        ]
     },
 )

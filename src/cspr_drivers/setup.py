@@ -37,8 +37,8 @@ setup(
                 "drivers",
                 "simulated_robot",
                 "emulated_robot",
-                "commission",
             )
         ]
+        + [f"commission = {PACKAGE}.commission.program:main"]
     },
 )

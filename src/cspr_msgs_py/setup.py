@@ -29,7 +29,8 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            f"{name} = cspr_msgs_py.nodes.{name}:main" for name in ("recorder", "recover", "replay")
+            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in ("recorder", "replay")),
+            f"recover = {PACKAGE}.bag.recover:main",
         ]
     },
 )

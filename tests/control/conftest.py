@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cspr_control.point_to_point import MotionLimits
-from cspr_control.trajectory_catalogue import TrajectoryOptions
+from cspr_control.reference.catalogue import TrajectoryOptions
+from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import Pose, Robot
 
 ROBOT_FILE = Path(__file__).parents[2] / "config" / "robot.yaml"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cspr_control.child_processes import ChildDiedError, ChildProcesses
+from cspr_control.demo.child_processes import ChildDiedError, ChildProcesses
 
 OBEDIENT = """
 import signal, sys, time

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cspr_control.nodes.demo import main
+from cspr_control.programs.demo import main
 
 ROOT = Path(__file__).parents[2]
 

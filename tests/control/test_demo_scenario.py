@@ -13,7 +13,7 @@ import yaml
 from rclpy.context import Context
 from rclpy.node import Node
 
-from cspr_control.demo_scenario import AddedPayload, DemoError, Scenario, ros_parameter
+from cspr_control.demo.scenario import AddedPayload, DemoError, Scenario, ros_parameter
 from cspr_control.nodes.supervisor import _LIMITS
 
 CONFIG = Path(__file__).parents[2] / "config"

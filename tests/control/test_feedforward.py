@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cspr_control.errors import PayloadError, SettingError
-from cspr_control.feedforward import (
+from cspr_control.motors.feedforward import (
     Feedforward,
     FeedforwardModel,
     FeedforwardSettings,
@@ -13,8 +13,8 @@ from cspr_control.feedforward import (
     PayloadStatus,
     checked_payload,
 )
-from cspr_control.paper_trajectories import paper_19, paper_19_tilt
-from cspr_control.reference import ReferencePoint
+from cspr_control.reference.paper import paper_19, paper_19_tilt
+from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import (
     Acceleration,
     InvalidInputError,

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from cspr_control.errors import SettingError
-from cspr_control.motor_control import MotorController, MotorGains, Refusal
+from cspr_control.motors.motor_control import MotorController, MotorGains, Refusal
 from cspr_kinematics import Motor
 
 MOTOR = Motor(

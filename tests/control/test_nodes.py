@@ -15,7 +15,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cspr_control.errors import ControlError
-from cspr_control.feedforward import Feedforward, FeedforwardSettings, Margins, PayloadSource
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, PayloadSource
 from cspr_control.nodes.feedforward import FeedforwardNode
 from cspr_control.nodes.mass_estimator import MassEstimatorNode
 from cspr_control.nodes.motor_control_gains import MotorControlGains
@@ -23,18 +23,14 @@ from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.nodes.pose_estimator import PoseEstimatorNode
 from cspr_control.nodes.supervisor import SupervisorNode
 from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
-from cspr_control.paper_trajectories import paper_19
-from cspr_control.reference import ReferencePoint
-from cspr_control.supervision import RobotState
-from cspr_kinematics import (
-    Payload,
-    Pose,
-    distribute_tensions,
-    inverse_kinematics,
-    static_wrench,
-)
+from cspr_control.reference.paper import paper_19
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_control.supervision.supervisor import RobotState
+from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
-from cspr_msgs_py.conversions import (
+from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.wire.conversions import (
     Level,
     diagnostic_array,
     diagnostic_status,
@@ -45,10 +41,8 @@ from cspr_msgs_py.conversions import (
     inertia_stamped,
     pose_stamped,
 )
-from cspr_msgs_py.errors import StartError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import advertise, subscribe, subscribe_raw
-from cspr_msgs_py.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 COUNT = 8
 MOTORS = JointStateCodec(topics.motor_names(COUNT))

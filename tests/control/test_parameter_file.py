@@ -3,7 +3,9 @@
 import pytest
 
 from cspr_control.errors import SettingError
-from cspr_control.node_parameters import (
+from cspr_control.estimation.payload import EstimatorSettings
+from cspr_control.parameters.file import ParameterFile
+from cspr_control.parameters.tables import (
     FEEDFORWARD,
     MASS_ESTIMATOR,
     estimator_settings,
@@ -11,8 +13,6 @@ from cspr_control.node_parameters import (
     known_parameter,
     parameter_values,
 )
-from cspr_control.parameter_file import ParameterFile
-from cspr_control.payload_estimation import EstimatorSettings
 
 TEXT = """
 /**:

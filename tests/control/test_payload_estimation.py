@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cspr_control.errors import MeasurementError, SettingError
-from cspr_control.payload_estimation import EstimatorSettings, Invalidity, PayloadEstimator
-from cspr_control.payload_measurement import measure_payload
-from cspr_control.pose_estimation import PoseEstimator
+from cspr_control.estimation.payload import EstimatorSettings, Invalidity, PayloadEstimator
+from cspr_control.estimation.payload_measurement import measure_payload
+from cspr_control.estimation.pose import PoseEstimator
 from cspr_kinematics import (
     ForwardKinematicsError,
     InvalidInputError,

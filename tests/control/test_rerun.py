@@ -12,20 +12,20 @@ from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, Paramet
 from rclpy.serialization import serialize_message
 from rosbags.typesys import get_types_from_msg
 
-from cspr_control.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings
-from cspr_control.nodes import rerun
-from cspr_control.paper_trajectories import paper_19
-from cspr_control.payload_estimation import EstimatorSettings, PayloadEstimator
-from cspr_control.rerun_bag import DEFINITIONS
+from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
+from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings
+from cspr_control.programs import rerun
+from cspr_control.reference.paper import paper_19
+from cspr_control.rerun.bag import DEFINITIONS
 from cspr_kinematics import Payload, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag_file import Attachment, BagFile
-from cspr_msgs_py.bag_metadata import RecordedTopic
-from cspr_msgs_py.bag_reader import Bag
-from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.bag.bag_file import Attachment, BagFile
+from cspr_msgs_py.bag.metadata import RecordedTopic
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.reference import ReferenceCodec, ReferenceSample
-from cspr_msgs_py.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
 
 CONFIG = Path(__file__).parents[2] / "config"
 START = 1_700_000_000_000_000_000

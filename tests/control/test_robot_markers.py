@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cspr_control.paper_trajectories import paper_19
-from cspr_control.robot_markers import (
+from cspr_control.markers.robot_markers import (
     STEEL,
     ShapeKind,
     cable_shape,
@@ -22,9 +21,10 @@ from cspr_control.robot_markers import (
     platform_shape,
     trajectory_shape,
 )
-from cspr_control.tension_colours import TENSION_COLOURS, UNKNOWN, tension_colours
+from cspr_control.markers.tension_colours import TENSION_COLOURS, UNKNOWN, tension_colours
+from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Payload, Pose, Robot, inverse_kinematics
-from cspr_kinematics.inverse_kinematics import cable_lengths
+from cspr_kinematics.kinematics.inverse import cable_lengths
 from cspr_msgs_py.topics import BASE_FRAME, ROBOT_MARKERS, graph_topics
 
 CONFIG = Path(__file__).parents[2] / "config"

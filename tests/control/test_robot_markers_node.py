@@ -14,9 +14,9 @@ from rclpy.task import Future
 from cspr_control.nodes.robot_markers import RobotMarkers
 from cspr_kinematics import Pose
 from cspr_msgs_py import topics
-from cspr_msgs_py.conversions import Level, diagnostic_status, inertia_stamped, pose_stamped
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import advertise, subscribe
+from cspr_msgs_py.runtime.process import advertise, subscribe
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status, inertia_stamped, pose_stamped
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 PATIENCE = 20.0
 STAMP = 1_700_000_000_000_000_000

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from cspr_control.ros_domain import DEMO_DOMAINS, DomainTakenError, claim_domain
+from cspr_control.demo.ros_domain import DEMO_DOMAINS, DomainTakenError, claim_domain
 
 
 def test_two_graphs_have_two_domains(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from cspr_control.run_summary import (
+from cspr_control.analysis.numbers.run_summary import (
     CycleStatistics,
     MassTrace,
     RunSummary,

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cspr_control.errors import SettingError
-from cspr_control.supervision import Action, DriverState, RobotState, Supervisor
-from cspr_control.supervision_checks import FaultKind, MonitoredInput, SupervisionLimits
-from cspr_control.trajectory_player import TrajectoryPhase
-from cspr_control.watch import LastingViolation
+from cspr_control.reference.player import TrajectoryPhase
+from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
+from cspr_control.supervision.supervisor import Action, DriverState, RobotState, Supervisor
+from cspr_control.supervision.watch import LastingViolation
 
 COUNT = 8
 PAY_OUT = 0.002  # m/rad

@@ -6,13 +6,13 @@ from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import TrajectoryError
 from cspr_control.euler_motion import euler_motion
-from cspr_control.paper_trajectories import TILT, paper_18, paper_19, paper_19_tilt
-from cspr_control.path_time import rest_to_rest, slowing_to_rest
-from cspr_control.point_to_point import MotionLimits, PointToPoint
-from cspr_control.quintic import PEAK_ACCELERATION, PEAK_SPEED, quintic, quintic_integral
-from cspr_control.smooth_trajectory import SmoothTrajectory
-from cspr_control.trajectory import Hold, require_inside_workspace
-from cspr_control.trajectory_catalogue import TrajectoryName, make_trajectory
+from cspr_control.reference.catalogue import TrajectoryName, make_trajectory
+from cspr_control.reference.paper import TILT, paper_18, paper_19, paper_19_tilt
+from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
+from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.quintic import PEAK_ACCELERATION, PEAK_SPEED, quintic, quintic_integral
+from cspr_control.reference.smooth import SmoothTrajectory
+from cspr_control.reference.trajectory import Hold, require_inside_workspace
 from cspr_kinematics import Pose
 
 CENTER = np.array([0.0, 0.0, 1.0])

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cspr_control.errors import TrajectoryError
-from cspr_control.paper_trajectories import paper_19, paper_19_tilt
-from cspr_control.smooth_trajectory import SmoothTrajectory
-from cspr_control.trajectory import Hold
-from cspr_control.trajectory_player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.paper import paper_19, paper_19_tilt
+from cspr_control.reference.player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.smooth import SmoothTrajectory
+from cspr_control.reference.trajectory import Hold
 
 CYCLE = 4_000_000  # ns
 BEGIN = 1_700_000_000 * SECOND + 123

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cspr_control.nodes.workspace import main
+from cspr_control.programs.workspace import main
 from cspr_kinematics import Workspace
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robot.yaml")

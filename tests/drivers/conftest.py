@@ -10,8 +10,8 @@ import can
 import pytest
 import yaml
 
-from cspr_drivers.can_bus import open_ports
-from cspr_drivers.can_config import CanConfig
+from cspr_drivers.bus.can_bus import open_ports
+from cspr_drivers.config.can_config import CanConfig
 
 REPOSITORY = Path(__file__).parents[2]
 CHANNELS = itertools.count()

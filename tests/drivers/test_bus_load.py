@@ -1,7 +1,7 @@
 import pytest
 
-from cspr_drivers.bus_load import bus_loads, require_fitting_load, worst_case_bits
-from cspr_drivers.can_config import CanConfig
+from cspr_drivers.bus.bus_load import bus_loads, require_fitting_load, worst_case_bits
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import ConfigurationError
 
 

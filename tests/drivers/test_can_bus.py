@@ -5,11 +5,11 @@ import time
 import can
 import pytest
 
-from cspr_drivers import can_bus
-from cspr_drivers.can_bus import CanPort, open_bus, open_ports
-from cspr_drivers.can_config import BusConfig, CanConfig
+from cspr_drivers.bus import can_bus
+from cspr_drivers.bus.can_bus import CanPort, open_bus, open_ports
+from cspr_drivers.bus.socketcan_bus import error_frame_text
+from cspr_drivers.config.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError
-from cspr_drivers.socketcan_bus import error_frame_text
 
 CAN0 = BusConfig("main", "socketcan", "can0", 1_000_000)
 

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from cspr_drivers.can_config import CanConfig
+from cspr_drivers.canopen.frame_table import CONTROL_WORD, TARGET_TORQUE
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import ConfigurationError, DriverError
-from cspr_drivers.frame_table import CONTROL_WORD, TARGET_TORQUE
 
 SHIPPED = Path(__file__).parents[2] / "config" / "can.yaml"
 

@@ -1,6 +1,6 @@
 import pytest
 
-from cspr_drivers.cia402 import STATUS_BITS, Command, State, Target, decode_state, next_control_word
+from cspr_drivers.canopen.cia402 import STATUS_BITS, Command, State, Target, decode_state, next_control_word
 from cspr_drivers.errors import FrameError
 
 # IEC 61800-7-201, table "device state bits": x stands for a bit that does not matter.

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from cspr_drivers.command_check import CommandCheck, CommandFault
-from cspr_drivers.motor_speed import PositionDifference
+from cspr_drivers.drives.command_check import CommandCheck, CommandFault
+from cspr_drivers.drives.motor_speed import PositionDifference
 
 CHECK = CommandCheck(torque_limit=10.0, timeout=0.05)
 

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 import yaml
 
-from cspr_drivers.can_bus import open_ports
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.canopen_device import CanopenDevice
+from cspr_drivers.bus.can_bus import open_ports
 from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, FindingsFile, WinchFindings
 from cspr_drivers.commission.found_devices import FoundDevice
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
+from cspr_drivers.commission.program import commission, main
 from cspr_drivers.commission.single_drive import SingleDrive
-from cspr_drivers.drive_group import GroupState
-from cspr_drivers.drive_master import DriveMaster
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.drives.group import GroupState
+from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError, ConfigurationError, DriverError
-from cspr_drivers.nodes.commission import commission, main
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload

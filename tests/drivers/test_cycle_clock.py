@@ -1,7 +1,7 @@
 import time
 
-from cspr_drivers.commissioning import Commissioning
-from cspr_drivers.cycle_clock import CycleClock
+from cspr_drivers.devices.setup_thread import Commissioning
+from cspr_drivers.drives.cycle_clock import CycleClock
 from cspr_drivers.errors import DeviceError
 
 
@@ -41,7 +41,7 @@ def test_a_call_that_takes_too_long_leaves_moments_out(wait_until):
 
 
 def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until, monkeypatch):
-    monkeypatch.setattr("cspr_drivers.commissioning.RETRY_INTERVAL", 0.01)
+    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
     attempts = []
     problems = ["does not answer", "does not answer", "refuses", ""]
     lines = []
@@ -63,7 +63,7 @@ def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until, mon
 
 
 def test_nothing_is_configured_while_it_is_not_allowed(wait_until, monkeypatch):
-    monkeypatch.setattr("cspr_drivers.commissioning.RETRY_INTERVAL", 0.01)
+    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
     allowed = []
     attempts = []
     commissioning = Commissioning(["motor_1"], attempts.append, lambda: bool(allowed), print)

@@ -1,9 +1,9 @@
 import pytest
 
-from cspr_drivers.drive_group import DriveGroup, GroupState
-from cspr_drivers.emergency import Emergency
+from cspr_drivers.canopen.emergency import Emergency
+from cspr_drivers.config.timeouts import Timeouts
+from cspr_drivers.drives.group import DriveGroup, GroupState
 from cspr_drivers.errors import FrameError
-from cspr_drivers.timeouts import Timeouts
 
 # Status words typed from IEC 61800-7-201, with bit 14 for the open brake; bit 12: the target torque is followed.
 NOT_READY, AT_REST, READY, SWITCHED_ON = 0x00, 0x40, 0x21, 0x23

@@ -8,10 +8,10 @@ from pathlib import Path
 import can
 import pytest
 
-from cspr_drivers.can_bus import CanPort, CanPorts
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.drive_group import GroupState
-from cspr_drivers.drive_master import DriveMaster
+from cspr_drivers.bus.can_bus import CanPort, CanPorts
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.group import GroupState
+from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError
 
 REPOSITORY = Path(__file__).parents[2]

@@ -1,7 +1,6 @@
 import pytest
 
-from cspr_drivers.errors import FrameError
-from cspr_drivers.frame_table import (
+from cspr_drivers.canopen.frame_table import (
     CONTROL_WORD,
     DRIVE_RPDO1,
     DRIVE_TPDO1,
@@ -15,6 +14,7 @@ from cspr_drivers.frame_table import (
     PdoLayout,
     cob_id,
 )
+from cspr_drivers.errors import FrameError
 
 
 def test_cob_ids_of_the_predefined_connection_set():

@@ -19,10 +19,8 @@ from std_srvs.srv import Trigger
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.nodes.can_drives import CanDrives
 from cspr_drivers.nodes.load_cells import LoadCells
-from cspr_msgs_py.conversions import Level, from_diagnostic_array
 from cspr_msgs_py.errors import StartError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
@@ -33,6 +31,8 @@ from cspr_msgs_py.topics import (
     motor_command,
     motor_names,
 )
+from cspr_msgs_py.wire.conversions import Level, from_diagnostic_array
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 PATIENCE = 30.0
 

@@ -1,7 +1,7 @@
 import pytest
 
-from cspr_drivers.can_config import TorqueCheck
-from cspr_drivers.torque_watch import TorqueWatch
+from cspr_drivers.config.can_config import TorqueCheck
+from cspr_drivers.drives.torque_watch import TorqueWatch
 
 CYCLE = 0.004
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cspr_drivers.bus_load import require_fitting_load
-from cspr_drivers.can_bus import open_ports
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.drive_group import GroupState
-from cspr_drivers.drive_master import DriveMaster
+from cspr_drivers.bus.bus_load import require_fitting_load
+from cspr_drivers.bus.can_bus import open_ports
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.group import GroupState
+from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import ConfigurationError
-from cspr_drivers.load_cell_master import LoadCellMaster
+from cspr_drivers.load_cells.master import LoadCellMaster
 
 from .conftest import ScriptedBus, ScriptedCell, ScriptedDrive
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspr_drivers.cia404 import AUTOZERO_SIGNATURE, NEWTON, status_text
-from cspr_drivers.units import DriveUnits, LoadCellUnits
+from cspr_drivers.canopen.cia404 import AUTOZERO_SIGNATURE, NEWTON, status_text
+from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
 
 FORWARD = DriveUnits(polarity=1, encoder_increments=131072, home_counts=0, rated_torque=5.0, torque_limit=7.5)
 REVERSED = DriveUnits(

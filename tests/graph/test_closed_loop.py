@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from cspr_control.nodes import rerun
-from cspr_msgs_py.bag_reader import Bag
+from cspr_control.programs import rerun
+from cspr_msgs_py.bag.reader import Bag
 
 ROOT = Path(__file__).parents[2]
 KEYS = {
@@ -38,7 +38,7 @@ class Demo:
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         with open(self.output, "wb") as file:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "cspr_control.nodes.demo", "--runs", str(self.runs), *arguments],
+                [sys.executable, "-m", "cspr_control.programs.demo", "--runs", str(self.runs), *arguments],
                 cwd=ROOT, env=environment, stdout=file, stderr=subprocess.STDOUT,
             )  # fmt: skip
 

@@ -67,7 +67,9 @@ def test_imports(path: Path) -> None:
     if package == "cspr_drivers" and (inside[0] == "simulation" or inside == ("nodes", "simulated_robot.py")):
         allowed.add("cspr_kinematics")
     assert not (names & set(PACKAGES)) - allowed, "imports a package of another layer"
-    if inside[0] != "nodes" and not (package == "cspr_msgs_py" and inside[0] in CONVERSION_MODULES):
+    if inside[0] not in ("nodes", "runtime") and not (
+        package == "cspr_msgs_py" and inside[-1] in CONVERSION_MODULES
+    ):
         assert not {name for name in names if is_ros(name)}, (
             "ROS belongs in nodes/ and the conversion modules"
         )

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cspr_control.supervision_checks import FaultKind
-from cspr_control.trajectory_catalogue import TrajectoryName
-from cspr_drivers.command_check import CommandFault
-from cspr_drivers.timeouts import Timeouts
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_control.supervision.checks import FaultKind
+from cspr_drivers.config.timeouts import Timeouts
+from cspr_drivers.drives.command_check import CommandFault
 
 ROOT = Path(__file__).parents[2]
 DRIVERS = ROOT / "src" / "cspr_drivers" / "cspr_drivers"
@@ -69,10 +69,10 @@ def causes(path):
                         yield part.value.strip(" ;:,")
 
 
-@pytest.mark.parametrize("module", ["drive_group.py", "drive_master.py", "torque_watch.py"])
+@pytest.mark.parametrize("module", ["group.py", "master.py", "torque_watch.py"])
 def test_causes_in_the_program_are_in_the_document(module):
     table = " ".join(row[0] for row in rows("Causes from `can_drives`"))
-    found = {words for words in causes(DRIVERS / module) if len(words) > 6 and " " in words}
+    found = {words for words in causes(DRIVERS / "drives" / module) if len(words) > 6 and " " in words}
     assert found, "nothing to compare"
     for words in found:
         fragment = re.sub(r"\s+", " ", words)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from studies.closed_loop import LoopRecord, LoopSettings, run
 
-from cspr_control.motor_control import MotorGains
-from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_control.motors.motor_control import MotorGains
+from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
 
 

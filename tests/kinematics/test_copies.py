@@ -34,9 +34,9 @@ from cspr_kinematics import (
     inverse_kinematics,
     solve_forward_kinematics,
 )
-from cspr_kinematics.kernels.cable_kernels import cables_at_poses
-from cspr_kinematics.kernels.feedforward_kernels import feedforward_at_poses
-from cspr_kinematics.kernels.forward_kernels import forward_at_poses
+from cspr_kinematics.kinematics._forward import forward_at_poses
+from cspr_kinematics.robot._cable_paths import cables_at_poses
+from cspr_kinematics.tensions._feedforward_tensions import feedforward_at_poses
 
 KERNELS: tuple[Any, ...] = (cables_at_poses, feedforward_at_poses, forward_at_poses)
 WAYS: dict[str, Callable[[Any], Any]] = {

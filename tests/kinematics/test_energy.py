@@ -28,7 +28,7 @@ from cspr_kinematics import (
     static_wrench,
     wrench_power,
 )
-from cspr_kinematics.so3 import rotation_from_vector
+from cspr_kinematics.motion.so3 import rotation_from_vector
 
 Motion = Callable[..., tuple[Pose, Twist, Acceleration]]
 PAYLOAD = Payload(60.0, [0.2, -0.1, 0.3])

@@ -22,7 +22,7 @@ from cspr_kinematics import (
     pose_covariance,
     solve_forward_kinematics,
 )
-from cspr_kinematics.so3 import rotation_from_vector
+from cspr_kinematics.motion.so3 import rotation_from_vector
 
 ANGLE = 0.35
 

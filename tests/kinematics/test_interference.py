@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from cspr_kinematics import InvalidInputError, Pose, Pulleys, Robot, cable_interference, inverse_kinematics
-from cspr_kinematics.kernels.interference_kernels import segment_box_distance_kernel, segment_distance_kernel
+from cspr_kinematics.workspace._interference import segment_box_distance_kernel, segment_distance_kernel
 
 triples = st.tuples(*[st.floats(-2.0, 2.0).map(lambda v: round(v, 3))] * 3).map(np.array)
 

@@ -18,7 +18,7 @@ from cspr_kinematics import (
     inverse_kinematics,
     static_wrench,
 )
-from cspr_kinematics.so3 import rotation_from_vector
+from cspr_kinematics.motion.so3 import rotation_from_vector
 
 STEP = 1e-5
 

@@ -28,8 +28,8 @@ from cspr_kinematics import (
     home_lengths,
     inverse_kinematics,
 )
-from cspr_kinematics.kernels.cable_kernels import ON_SWIVEL_AXIS, PATH_EXISTS, cable_path
-from cspr_kinematics.so3 import rotation_from_vector
+from cspr_kinematics.motion.so3 import rotation_from_vector
+from cspr_kinematics.robot._cable_paths import ON_SWIVEL_AXIS, PATH_EXISTS, cable_path
 
 UP = (0.0, 0.0, 1.0)
 STEP = 1e-5

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from cspr_kinematics import Pose
-from cspr_kinematics.so3 import (
+from cspr_kinematics.motion.so3 import (
     cross,
     orthonormalised,
     rotate,

@@ -14,15 +14,15 @@ from scipy.spatial import ConvexHull, Delaunay, HalfspaceIntersection
 
 from cspr_kinematics import TensionResult, TensionStatus, distribute_tensions
 from cspr_kinematics.compiled import kernel_input
-from cspr_kinematics.kernels.tension_active_set import (
+from cspr_kinematics.tensions._active_set import (
     CAPPED,
     DUAL_STEPS_PER_CABLE,
     EMPTY,
     FOUND,
     nearest_feasible_kernel,
 )
-from cspr_kinematics.kernels.tension_kernels import CENTER_STEPS
-from cspr_kinematics.kernels.tension_least_squares import LEAST_SQUARES_STEPS_PER_CABLE
+from cspr_kinematics.tensions._bounded import CENTER_STEPS
+from cspr_kinematics.tensions._least_squares import LEAST_SQUARES_STEPS_PER_CABLE
 
 BOUNDED = ("closest", "centroid", "analytic_center")
 
@@ -266,7 +266,9 @@ def test_steps_stay_below_the_stated_cap() -> None:
 
 
 def test_a_solver_at_its_cap_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    from cspr_kinematics.kernels import tension_active_set, tension_kernels, tension_least_squares
+    from cspr_kinematics.tensions.distribute import _active_set as tension_active_set
+    from cspr_kinematics.tensions.distribute import _bounded as tension_kernels
+    from cspr_kinematics.tensions.distribute import _least_squares as tension_least_squares
 
     problem = make_problem(10, "anywhere", 1)
     inputs = problem.A, problem.w, problem.low, problem.high

@@ -20,7 +20,7 @@ from cspr_kinematics import (
     inverse_kinematics,
     static_wrench,
 )
-from cspr_kinematics.so3 import skew
+from cspr_kinematics.motion.so3 import skew
 
 BOUNDED = ("closest", "centroid", "analytic_center")
 

@@ -19,7 +19,7 @@ from cspr_kinematics import (
     assess_task,
     explore_workspace,
 )
-from cspr_kinematics.workspace_plot import PlottingUnavailableError, plot_workspace
+from cspr_kinematics.workspace.plot import PlottingUnavailableError, plot_workspace
 
 TASK = Task(0.0, 200.0)
 LOWER, UPPER = [-2.3, -1.3, 0.2], [2.3, 1.3, 2.8]

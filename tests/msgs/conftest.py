@@ -9,12 +9,12 @@ import rclpy
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 
-from cspr_msgs_py.bag_file import Attachment, BagFile
-from cspr_msgs_py.bag_metadata import OfferedQos, RecordedTopic
-from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.bag.bag_file import Attachment, BagFile
+from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.reference import VECTORS, ReferenceCodec, ReferenceSample
 from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, REFERENCE, Topic, motor_names
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.reference import VECTORS, ReferenceCodec, ReferenceSample
 
 
 @pytest.fixture

@@ -10,15 +10,15 @@ import zstandard
 from mcap.writer import IndexType, Writer
 from rclpy.serialization import serialize_message
 
-from cspr_msgs_py.bag_file import BagFile, Compression
-from cspr_msgs_py.bag_metadata import RecordedTopic
-from cspr_msgs_py.bag_reader import Bag, BagWarning
-from cspr_msgs_py.conversions import diagnostic_status, inertia_stamped, pose_stamped
+from cspr_msgs_py.bag.bag_file import BagFile, Compression
+from cspr_msgs_py.bag.metadata import RecordedTopic
+from cspr_msgs_py.bag.reader import Bag, BagWarning
 from cspr_msgs_py.errors import BagError
-from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.reference import VECTORS
 from cspr_msgs_py.topics import INERTIA_STAMPED, JOINT_STATE, MULTI_DOF_TRAJECTORY, POSE_STAMPED
+from cspr_msgs_py.wire.conversions import diagnostic_status, inertia_stamped, pose_stamped
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.reference import VECTORS
 
 
 def write_messages(directory: Path, type_name: str, messages, topic: str = "/topic") -> Path:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
-from cspr_msgs_py.bag_reader import Bag
-from cspr_msgs_py.bag_recovery import recover
+from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.bag.recovery import recover
 from cspr_msgs_py.errors import BagError
 from cspr_msgs_py.topics import MOTOR_STATES
 
@@ -68,7 +68,7 @@ def test_a_whole_bag_has_lost_nothing(recording, tmp_path: Path) -> None:
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "cspr_msgs_py.nodes.recover", *map(str, arguments)],
+        [sys.executable, "-m", "cspr_msgs_py.bag.recover", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=60,

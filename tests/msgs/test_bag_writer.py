@@ -19,10 +19,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
-from cspr_msgs_py.bag_file import Attachment, BagFile, Compression, Split
-from cspr_msgs_py.bag_metadata import OfferedQos, RecordedTopic, parse_offered_qos
-from cspr_msgs_py.bag_reader import Bag, BagWarning
-from cspr_msgs_py.bag_writer import FLUSH_PERIOD, BagWriter
+from cspr_msgs_py.bag.bag_file import Attachment, BagFile, Compression, Split
+from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic, parse_offered_qos
+from cspr_msgs_py.bag.reader import Bag, BagWarning
+from cspr_msgs_py.bag.writer import FLUSH_PERIOD, BagWriter
 from cspr_msgs_py.errors import BagError
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.topics import JOINT_STATE, MOTOR_STATES
@@ -214,9 +214,9 @@ class TestMetadata:
 
 FILL_THE_DISK = """
 import os, resource, sys
-from cspr_msgs_py.bag_file import BagFile, Compression
-from cspr_msgs_py.bag_writer import BagWriter
-from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.bag.bag_file import BagFile, Compression
+from cspr_msgs_py.bag.writer import BagWriter
+from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.errors import BagError
 directory, limit = sys.argv[1], int(sys.argv[2])
 if limit:

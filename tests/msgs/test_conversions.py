@@ -1,6 +1,6 @@
 import numpy as np
 
-from cspr_msgs_py.conversions import (
+from cspr_msgs_py.wire.conversions import (
     Level,
     diagnostic_array,
     diagnostic_status,

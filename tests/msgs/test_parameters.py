@@ -6,7 +6,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cspr_msgs_py.errors import StartError
-from cspr_msgs_py.nodes.parameters import declare
+from cspr_msgs_py.runtime.parameters import declare
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ import pytest
 
 PROGRAM = """
 import os, sys, time
-from cspr_msgs_py.conversions import diagnostic_status
+from cspr_msgs_py.wire.conversions import diagnostic_status
 from cspr_msgs_py.errors import StartError
-from cspr_msgs_py.nodes.process import *
+from cspr_msgs_py.runtime.process import *
 from cspr_msgs_py.topics import MOTOR_STATES
-from cspr_msgs_py.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -129,7 +129,7 @@ def test_impatience_does_not_interrupt_making_safe() -> None:
 
 SIGNALS_IN_A_METHOD_OF_THE_FUTURE = """
 import os, signal, threading
-from cspr_msgs_py.nodes.process import _stop_on_signal
+from cspr_msgs_py.runtime.process import _stop_on_signal
 
 def ignore(future):
     pass

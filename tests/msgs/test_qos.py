@@ -2,7 +2,7 @@ import pytest
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 
-from cspr_msgs_py.bag_metadata import INFINITE, OfferedQos
+from cspr_msgs_py.bag.metadata import INFINITE, OfferedQos
 from cspr_msgs_py.qos import compatible_profile, offered_qos, replay_profile
 
 RELIABLE = OfferedQos(reliability="reliable", durability="volatile")

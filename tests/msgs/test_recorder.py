@@ -16,17 +16,17 @@ from rosbags.rosbag2 import Reader
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from cspr_msgs_py.bag_reader import Bag, BagWarning
-from cspr_msgs_py.bag_recovery import recover
-from cspr_msgs_py.conversions import Level, diagnostic_status, from_diagnostic_status
+from cspr_msgs_py.bag.reader import Bag, BagWarning
+from cspr_msgs_py.bag.recovery import recover
 from cspr_msgs_py.errors import BagError, StartError
-from cspr_msgs_py.joint_state import JointStateCodec
 from cspr_msgs_py.message_definitions import message_class
-from cspr_msgs_py.nodes.process import advertise
 from cspr_msgs_py.nodes.recorder import Recorder
-from cspr_msgs_py.nodes.recorder_intake import Source
 from cspr_msgs_py.qos import qos_profile
+from cspr_msgs_py.runtime.process import advertise
+from cspr_msgs_py.runtime.recorder_intake import Source
 from cspr_msgs_py.topics import EVENTS, MOTOR_STATES, RECORDER_STATE, ROBOT_STATE, motor_command, motor_names
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_diagnostic_status
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 CODEC = JointStateCodec(motor_names(6))
 

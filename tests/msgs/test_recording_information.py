@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cspr_msgs_py.recording_information import git_revision, recording_information
+from cspr_msgs_py.bag.recording_information import git_revision, recording_information
 
 
 def git(directory: Path, *arguments: str) -> str:
@@ -58,7 +58,7 @@ def test_what_a_bag_says_about_its_recording() -> None:
 def test_background_scheduling_spares_the_threads_that_are_there() -> None:
     script = """
 import os, threading
-from cspr_msgs_py.nodes.scheduling import set_background
+from cspr_msgs_py.runtime.scheduling import set_background
 release = threading.Event()
 middleware = threading.Thread(target=release.wait)
 middleware.start()

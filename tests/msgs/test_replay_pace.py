@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from cspr_msgs_py.replay_pace import LATEST, ReplayPace
+from cspr_msgs_py.bag.replay_pace import LATEST, ReplayPace
 
 SECOND = 1_000_000_000
 

@@ -12,9 +12,9 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import advertise, shared_subscriptions, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, shared_subscriptions, subscribe_raw
 from cspr_msgs_py.topics import CABLE_TENSIONS, MOTOR_STATES, motor_names
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 
 @pytest.fixture

@@ -31,9 +31,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cspr_msgs_py.conversions import from_diagnostic_array
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
@@ -45,6 +43,8 @@ from cspr_msgs_py.topics import (
     motor_command,
     motor_names,
 )
+from cspr_msgs_py.wire.conversions import from_diagnostic_array
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 ROOT = Path(__file__).parents[2]
 CHANNELS = ("vcan0", "vcan1")

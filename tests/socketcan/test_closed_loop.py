@@ -5,9 +5,9 @@ import time
 import numpy as np
 import yaml
 
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import subscribe, subscribe_raw
+from cspr_msgs_py.runtime.process import subscribe, subscribe_raw
 from cspr_msgs_py.topics import ROBOT_STATE, SETPOINT, motor_names
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 DURATION = 30.0  # s of the machine
 PATIENCE = 300.0  # s

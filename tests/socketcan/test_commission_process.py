@@ -15,7 +15,7 @@ def walking(bench, executable, root):
     answers.write_text(yaml.safe_dump({"keep": False, "winch.bus_0-node-1": ["again"] * 100}))
     walk = executable(
         "commission",
-        "cspr_drivers.nodes.commission",
+        "cspr_drivers.commission.program",
         "--config", bench.config,
         "--robot", root / "config" / "robot.yaml",
         "--answers", answers,
@@ -44,7 +44,7 @@ def test_killed_the_drive_misses_its_heartbeat_and_closes_the_brake(bench, walki
 
 
 def test_it_does_not_start_beside_the_drivers(bench, executable, root):
-    walk = executable("commission", "cspr_drivers.nodes.commission", "--config", bench.config, ros=False)
+    walk = executable("commission", "cspr_drivers.commission.program", "--config", bench.config, ros=False)
     assert walk.wait() == 1
     assert re.search(
         r"a driver is active on the CAN bus bus_[01]: its heartbeat as node 127 was seen; stop it first",

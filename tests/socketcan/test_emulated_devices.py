@@ -6,7 +6,7 @@ import time
 import can
 import pytest
 
-from cspr_drivers.can_config import CanConfig
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 
@@ -16,7 +16,7 @@ UPLOAD_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")  # CiA 301, sectio
 
 @pytest.fixture
 def devices(root, plug_in, two_buses_file):
-    from cspr_drivers.simulation.plant import Plant
+    from cspr_drivers.simulation.plant.plant import Plant
 
     for channel in ("vcan0", "vcan1"):
         plug_in(channel)

@@ -8,11 +8,11 @@ from pathlib import Path
 import can
 import pytest
 
-from cspr_drivers import socketcan_bus
-from cspr_drivers.can_bus import CanPort, open_bus
-from cspr_drivers.can_config import BusConfig
+from cspr_drivers.bus import socketcan_bus
+from cspr_drivers.bus.can_bus import CanPort, open_bus
+from cspr_drivers.bus.socketcan_bus import QuickSocketCan
+from cspr_drivers.config.can_config import BusConfig
 from cspr_drivers.errors import BusError
-from cspr_drivers.socketcan_bus import QuickSocketCan
 
 CHANNEL = "vcan1"
 PATIENCE = 60.0  # s

@@ -11,15 +11,15 @@ from studies.experiment import CONTROLLERS, Case, all_cases, outcome
 from studies.live_agreement import Agreement, LiveRun
 
 from cspr_control.errors import ControlError
-from cspr_control.paper_trajectories import paper_19
-from cspr_control.trajectory_catalogue import TrajectoryName
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Robot
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag_file import BagFile
-from cspr_msgs_py.bag_metadata import RecordedTopic
+from cspr_msgs_py.bag.bag_file import BagFile
+from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.reference import ReferenceCodec, ReferenceSample
-from cspr_msgs_py.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
 
 ROOT = Path(__file__).parents[2]
 START = 1_700_000_000_000_000_000

@@ -8,7 +8,7 @@ import pytest
 from studies.paper_document import fill, tension_blocks
 from studies.paper_results import TensionResults, write_tension_tables
 
-from cspr_control.paper_trajectories import paper_18
+from cspr_control.reference.paper import paper_18
 from cspr_kinematics import Robot, inverse_kinematics
 
 ROOT = Path(__file__).parents[2]

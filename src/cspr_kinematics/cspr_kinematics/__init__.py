@@ -1,9 +1,14 @@
 """Geometry, statics and dynamics of cable-suspended parallel robots."""
 
-from .cable_paths import home_lengths
-from .dynamics import GRAVITY, balance_regressor, required_wrench, static_wrench
-from .energy import cable_power, inertia_matrix, kinetic_energy, potential_energy, wrench_power
-from .errors import (
+from cspr_kinematics.dynamics.dynamics import GRAVITY, balance_regressor, required_wrench, static_wrench
+from cspr_kinematics.dynamics.energy import (
+    cable_power,
+    inertia_matrix,
+    kinetic_energy,
+    potential_energy,
+    wrench_power,
+)
+from cspr_kinematics.errors import (
     CableReachError,
     ForwardKinematicsError,
     InvalidInputError,
@@ -11,29 +16,30 @@ from .errors import (
     RobotFileError,
     SingularWrenchMatrixError,
 )
-from .feasibility import Feasibility, Task, assess_task, largest_acceleration
-from .feedforward_tensions import FeedforwardTensions, feedforward_tensions
-from .forward_kinematics import (
+from cspr_kinematics.kinematics.accuracy import pose_covariance
+from cspr_kinematics.kinematics.forward import (
     ForwardKinematicsSolution,
     ForwardKinematicsStatus,
     forward_kinematics,
     solve_forward_kinematics,
 )
-from .interference import Interference, NearestPair, cable_interference
-from .inverse_kinematics import Cables, cable_lengths, inverse_kinematics
-from .kernels.tension_kernels import TensionStatus
-from .motion import Motion, PoseSpline, motion_from_euler, motion_from_quaternion
-from .pose import Acceleration, Pose, Twist
-from .pose_accuracy import pose_covariance
-from .pulleys import Pulleys
-from .rigid_body import Payload, RigidBody, combine
-from .robot import Robot
-from .tension_blend import TensionBlend
-from .tension_result import TensionResult
-from .tensions import Method, bounded_methods, distribute_tensions
-from .winch import Motor, Winch
-from .workspace import Workspace, explore_workspace
-from .wrench_set import WrenchSet, available_wrenches
+from cspr_kinematics.kinematics.inverse import Cables, cable_lengths, inverse_kinematics
+from cspr_kinematics.motion.motion import Motion, PoseSpline, motion_from_euler, motion_from_quaternion
+from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
+from cspr_kinematics.robot.cable_paths import home_lengths
+from cspr_kinematics.robot.pulleys import Pulleys
+from cspr_kinematics.robot.rigid_body import Payload, RigidBody, combine
+from cspr_kinematics.robot.robot import Robot
+from cspr_kinematics.robot.winch import Motor, Winch
+from cspr_kinematics.tensions._bounded import TensionStatus
+from cspr_kinematics.tensions.blend import TensionBlend
+from cspr_kinematics.tensions.distribute import Method, bounded_methods, distribute_tensions
+from cspr_kinematics.tensions.feedforward_tensions import FeedforwardTensions, feedforward_tensions
+from cspr_kinematics.tensions.result import TensionResult
+from cspr_kinematics.workspace.feasibility import Feasibility, Task, assess_task, largest_acceleration
+from cspr_kinematics.workspace.interference import Interference, NearestPair, cable_interference
+from cspr_kinematics.workspace.workspace import Workspace, explore_workspace
+from cspr_kinematics.workspace.wrench_set import WrenchSet, available_wrenches
 
 __all__ = [
     "GRAVITY",

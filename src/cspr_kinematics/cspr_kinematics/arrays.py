@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InvalidInputError
+from cspr_kinematics.errors import InvalidInputError
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -17,12 +17,14 @@ from numba import njit
 from numba.core import event
 from numpy.typing import NDArray
 
-from .arrays import FloatArray, positive_integer
+from cspr_kinematics.arrays import FloatArray, positive_integer
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Scalar = TypeVar("_Scalar", bound=np.generic)
-_KERNELS = Path(__file__).with_name("kernels")
-_IMPORT = re.compile(r"^from \.(\w+) import", re.MULTILINE)
+_PACKAGE = Path(__file__).parent
+_IMPORT = re.compile(
+    r"^from cspr_kinematics\.(\w+)\.(_\w+) import", re.MULTILINE
+)  # kernels stand in _name.py
 
 _without_cache: list[str] = []  # kernels that cannot be kept
 
@@ -45,7 +47,7 @@ def kernel(function: _Function) -> _Function:
             logger.warning(
                 "cspr_kinematics: its kernels will be compiled in every process, because neither %s nor the user's "
                 "cache directory can be written; name one that can: NUMBA_CACHE_DIR=DIRECTORY",
-                _KERNELS / "__pycache__",
+                _PACKAGE,
             )
         _without_cache.append(function.__name__)
     # To the type checker a kernel is the function it was made from.
@@ -93,16 +95,16 @@ def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least:
 
 
 @functools.cache
-def _digest_of_sources(module: str) -> str:
+def _digest_of_sources(module: Path) -> str:
     """Digest of the source of a module of kernels and of those from which it takes others."""
-    sources: dict[str, str] = {}
+    sources: dict[Path, str] = {}
     pending = [module]
     while pending:
-        name = pending.pop()
-        if name not in sources:
-            sources[name] = (_KERNELS / f"{name}.py").read_text(encoding="utf-8")
-            pending += _IMPORT.findall(sources[name])
-    return hashlib.sha256(repr(sorted(sources.items())).encode()).hexdigest()
+        path = pending.pop()
+        if path not in sources:
+            sources[path] = path.read_text(encoding="utf-8")
+            pending += [_PACKAGE / room / f"{name}.py" for room, name in _IMPORT.findall(sources[path])]
+    return hashlib.sha256(repr(sorted(sources.values())).encode()).hexdigest()
 
 
 def _stamp_with_sources(compiled: Any) -> None:
@@ -114,8 +116,8 @@ def _stamp_with_sources(compiled: Any) -> None:
     cache_file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if cache_file is not None and hasattr(cache_file, "_source_stamp"):
         path = Path(compiled.py_func.__code__.co_filename)
-        if path.parent == _KERNELS and path.exists():
-            cache_file._source_stamp = (cache_file._source_stamp, _digest_of_sources(path.stem))
+        if path.is_relative_to(_PACKAGE) and path.exists():
+            cache_file._source_stamp = (cache_file._source_stamp, _digest_of_sources(path))
 
 
 class _CompilationNotice(event.Listener):  # type: ignore[misc]

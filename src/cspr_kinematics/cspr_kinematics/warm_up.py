@@ -8,15 +8,15 @@ from __future__ import annotations
 import sys
 from time import perf_counter
 
-from .dynamics import balance_regressor, static_wrench
-from .feedforward_tensions import feedforward_tensions
-from .forward_kinematics import forward_kinematics
-from .inverse_kinematics import inverse_kinematics
-from .pose import Acceleration, Pose, Twist
-from .rigid_body import Payload
-from .robot import Robot
-from .tensions import bounded_methods, distribute_tensions
-from .wrench_set import available_wrenches
+from cspr_kinematics.dynamics.dynamics import balance_regressor, static_wrench
+from cspr_kinematics.kinematics.forward import forward_kinematics
+from cspr_kinematics.kinematics.inverse import inverse_kinematics
+from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
+from cspr_kinematics.robot.rigid_body import Payload
+from cspr_kinematics.robot.robot import Robot
+from cspr_kinematics.tensions.distribute import bounded_methods, distribute_tensions
+from cspr_kinematics.tensions.feedforward_tensions import feedforward_tensions
+from cspr_kinematics.workspace.wrench_set import available_wrenches
 
 
 def warm_up(robot: Robot) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from cspr_msgs_py.bag_metadata import INFINITE, OfferedQos
+from cspr_msgs_py.bag.metadata import INFINITE, OfferedQos
 from cspr_msgs_py.topics import Durability, Reliability, Topic
 
 _RELIABILITY = {

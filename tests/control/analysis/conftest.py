@@ -25,18 +25,18 @@ from cspr_kinematics import (
     required_wrench,
 )
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag_file import Attachment, BagFile
-from cspr_msgs_py.bag_metadata import RecordedTopic
-from cspr_msgs_py.conversions import (
+from cspr_msgs_py.bag.bag_file import Attachment, BagFile
+from cspr_msgs_py.bag.metadata import RecordedTopic
+from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.wire.conversions import (
     Level,
     diagnostic_array,
     diagnostic_status,
     inertia_stamped,
     pose_stamped,
 )
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 ROOT = Path(__file__).parents[3]
 CONFIG = ROOT / "config"

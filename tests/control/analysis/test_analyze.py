@@ -15,7 +15,7 @@ import pytest
 
 from cspr_control.analysis.report import write_report
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags, analyse_recording
-from cspr_control.nodes.analyze import main
+from cspr_control.programs.analyze import main
 
 from .conftest import CONFIG, ROOT
 
@@ -73,7 +73,8 @@ def test_wrong_arguments(recorded_bag: Path, capsys: pytest.CaptureFixture[str])
 
 def test_help_teaches_and_starts_no_ros() -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    code = "import sys; from cspr_control.nodes.analyze import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+    code = "import sys\nfrom cspr_control.programs.analyze import main\n"
+    code += "try: main(['--help'])\nexcept SystemExit: pass\n"
     code += "print('rclpy' in sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code],

@@ -7,8 +7,8 @@ import gzip
 
 import numpy as np
 
-from cspr_control.analysis.decimation import envelope
-from cspr_control.analysis.packing import Packer
+from cspr_control.analysis.page.decimation import envelope
+from cspr_control.analysis.page.packing import Packer
 
 
 def test_short_series_stay_as_they_are() -> None:

@@ -13,18 +13,24 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d import Axes3D
 
-from cspr_control.analysis import figures
-from cspr_control.analysis.cycles import cycle_bins
-from cspr_control.analysis.error_statistics import ErrorStatistics
-from cspr_control.analysis.figures import payload_change, save_figures
-from cspr_control.analysis.paper_figures import (
+from cspr_control.analysis.figures.all_figures import all_figures as figures
+from cspr_control.analysis.figures.all_figures import payload_change, save_figures
+from cspr_control.analysis.figures.paper import (
     deviation_figure,
     motor_error_figure,
     motor_error_over_time_figure,
     payload_change_figure,
 )
+from cspr_control.analysis.figures.style import (
+    COLOURS,
+    controller_title,
+    house_style,
+    motor_line,
+    save_figure,
+)
+from cspr_control.analysis.numbers.cycles import cycle_bins
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
-from cspr_control.analysis.style import COLOURS, controller_title, house_style, motor_line, save_figure
 
 ONE_RUN = {
     "fig07_trajectory", "fig08_model_tensions", "fig09_model_deviation", "fig10_payload_change",

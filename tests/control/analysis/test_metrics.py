@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cspr_control.analysis.numbers.tables import format_runs, row_texts
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
-from cspr_control.analysis.tables import format_runs, row_texts
 from cspr_kinematics import Payload, kinetic_energy, potential_energy
 
 from .conftest import CONFIG, POSITION_ERROR, TENSION_ERROR, Motion

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cspr_control.analysis.error_statistics import ErrorStatistics
-from cspr_control.analysis.motor_errors import motor_errors
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.motor_errors import motor_errors
 from cspr_control.errors import ControlError
-from cspr_msgs_py.bag_reader import JointStates
+from cspr_msgs_py.bag.reader import JointStates
 
 PERIOD = 4_000_000  # ns
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cspr_control.analysis.predicted_tensions import predict_tensions
-from cspr_control.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
-from cspr_control.paper_trajectories import paper_19_tilt
+from cspr_control.analysis.numbers.predicted_tensions import predict_tensions
+from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
+from cspr_control.reference.paper import paper_19_tilt
 from cspr_kinematics import Robot
-from cspr_msgs_py.bag_reader import Inertias, References
+from cspr_msgs_py.bag.reader import Inertias, References
 
 START = 1_790_000_000_000_000_000
 

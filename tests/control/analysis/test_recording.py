@@ -13,7 +13,7 @@ from cspr_control.analysis.recording import read_recording
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 from cspr_control.analysis.timeline import EventKind
 from cspr_control.errors import ControlError
-from cspr_msgs_py.bag_file import BagFile
+from cspr_msgs_py.bag.bag_file import BagFile
 
 from .conftest import CONFIG, START
 
@@ -170,7 +170,7 @@ def test_runs_of_the_same_controller_are_told_apart(recorded_bag: Path, record: 
 
 
 def test_an_unknown_message_type_in_a_known_place(recorded_bag: Path, tmp_path: Path) -> None:
-    from cspr_msgs_py.bag_metadata import RecordedTopic
+    from cspr_msgs_py.bag.metadata import RecordedTopic
     from cspr_msgs_py.message_definitions import message_definition
 
     bag = BagFile(tmp_path / "odd", {})

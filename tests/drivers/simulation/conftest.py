@@ -10,19 +10,19 @@ import canopen
 import numpy as np
 import pytest
 
-from cspr_drivers.can_config import DriveConfig, LoadCellConfig
-from cspr_drivers.frame_table import FunctionCode, cob_id
-from cspr_drivers.simulation.drive_emulator import DriveEmulator
-from cspr_drivers.simulation.emulated_node import EmulatedNode
-from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
-from cspr_drivers.simulation.shared_plant import SharedPlant
+from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
+from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
+from cspr_drivers.config.can_config import DriveConfig, LoadCellConfig
+from cspr_drivers.simulation.devices.drive import DriveEmulator
+from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
+from cspr_drivers.simulation.devices.node import EmulatedNode
+from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import (
     BrakeProperties,
     DriveProperties,
     LoadCellProperties,
     PayloadChange,
 )
-from cspr_drivers.units import DriveUnits, LoadCellUnits
 from cspr_kinematics import Payload
 
 EDS = Path(__file__).parents[3] / "config" / "eds"

@@ -3,8 +3,8 @@ import errno
 import can
 import pytest
 
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.simulation.bus_timing import BABBLING_COB_ID, BusDisturbance, BusTiming
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.simulation.bus.bus_timing import BABBLING_COB_ID, BusDisturbance, BusTiming
 
 US = 1e-6
 

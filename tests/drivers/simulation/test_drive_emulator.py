@@ -3,8 +3,8 @@ import struct
 
 import pytest
 
-from cspr_drivers.cia402 import State, decode_state
-from cspr_drivers.simulation.canopen_codes import EmergencyCode, NmtCommand, NmtState, SdoAbort
+from cspr_drivers.canopen.cia402 import State, decode_state
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, NmtCommand, NmtState, SdoAbort
 
 NODE_ID = 5
 MASTER_ID = 127

@@ -1,7 +1,7 @@
 import pytest
 
-from cspr_drivers.cia402 import State
-from cspr_drivers.simulation.drive_state_machine import DriveStateMachine, DriveTiming, Phase
+from cspr_drivers.canopen.cia402 import State
+from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, DriveTiming, Phase
 
 TIMING = DriveTiming(brake_open_delay=0.03, brake_close_delay=0.02, quick_stop_time=0.2, standstill_speed=1.0)
 

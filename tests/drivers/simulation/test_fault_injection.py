@@ -1,8 +1,8 @@
 import pytest
 
-from cspr_drivers.can_config import CanConfig
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.bus_timing import BusDisturbance
+from cspr_drivers.simulation.bus.bus_timing import BusDisturbance
 from cspr_drivers.simulation.fault_injection import FaultInjector, FaultOrder, FaultTarget, InjectedFault
 
 
@@ -140,7 +140,7 @@ def test_faults_of_a_bus(injector, bus, fault):
 
 def test_drives_accept_what_the_driver_writes(repository, drive_desk):
     """Every object that the driver sets stands in the EDS file, and may have the value."""
-    from cspr_drivers.device_parameters import drive_settings
+    from cspr_drivers.devices.settings import drive_settings
 
     config = CanConfig.from_yaml(repository / "config" / "can.yaml")
     desk = drive_desk()

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cspr_drivers.cia404 import AUTOZERO_SIGNATURE, NEWTON, InputStatus
-from cspr_drivers.simulation.canopen_codes import NmtCommand, SdoAbort
+from cspr_drivers.canopen.cia404 import AUTOZERO_SIGNATURE, NEWTON, InputStatus
+from cspr_drivers.simulation.devices.canopen_codes import NmtCommand, SdoAbort
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import pytest
 
-from cspr_drivers.cia402 import State
-from cspr_drivers.simulation.canopen_codes import NmtCommand, SdoAbort
+from cspr_drivers.canopen.cia402 import State
+from cspr_drivers.simulation.devices.canopen_codes import NmtCommand, SdoAbort
 
 RPDO = 0x205
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cspr_drivers.errors import ConfigurationError
-from cspr_drivers.simulation.plant import Plant, PlantError
+from cspr_drivers.simulation.plant.plant import Plant, PlantError
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload, Pose, Pulleys, inverse_kinematics
 

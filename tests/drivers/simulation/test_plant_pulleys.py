@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cspr_drivers.errors import ConfigurationError
-from cspr_drivers.simulation.cable_force import lead_over_pulleys
-from cspr_drivers.simulation.plant import Plant, PlantError
+from cspr_drivers.simulation.plant.cable_force import lead_over_pulleys
+from cspr_drivers.simulation.plant.plant import Plant, PlantError
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Pose, Pulleys, Robot, inverse_kinematics
 

@@ -12,8 +12,8 @@ import can
 import canopen
 import pytest
 
-from cspr_drivers.can_config import BusConfig, CanConfig
-from cspr_drivers.cia402 import State, decode_state
+from cspr_drivers.canopen.cia402 import State, decode_state
+from cspr_drivers.config.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
@@ -201,7 +201,7 @@ def test_silent_master_ends_with_closed_brakes(rig):
 def test_load_does_not_drop_when_the_master_falls_silent(simulation):
     """Brakes, enabling, holding and quick stop on the machine itself: the platform stays where it is."""
     pytest.importorskip("mujoco")
-    from cspr_drivers.simulation.plant import Plant
+    from cspr_drivers.simulation.plant.plant import Plant
 
     plant = Plant(simulation)
     winch = simulation.robot.winch

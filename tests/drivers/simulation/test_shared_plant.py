@@ -1,7 +1,7 @@
 import pytest
 
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.shared_plant import SharedPlant
+from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import PayloadChange
 from cspr_kinematics import Payload
 

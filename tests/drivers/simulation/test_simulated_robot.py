@@ -15,9 +15,7 @@ from std_srvs.srv import Trigger
 
 from cspr_drivers.errors import ConfigurationError, DriverError
 from cspr_drivers.nodes.simulated_robot import SimulatedRobot, create_nodes
-from cspr_msgs_py.conversions import from_diagnostic_array, from_inertia_stamped, inertia_stamped
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
@@ -28,6 +26,8 @@ from cspr_msgs_py.topics import (
     cable_names,
     motor_names,
 )
+from cspr_msgs_py.wire.conversions import from_diagnostic_array, from_inertia_stamped, inertia_stamped
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 pytest.importorskip("mujoco")
 

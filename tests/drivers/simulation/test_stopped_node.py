@@ -6,10 +6,10 @@ from pathlib import Path
 
 import can
 
-from cspr_drivers.can_bus import open_ports
-from cspr_drivers.can_config import BusConfig, CanConfig
-from cspr_drivers.drive_group import GroupState
-from cspr_drivers.drive_master import DriveMaster
+from cspr_drivers.bus.can_bus import open_ports
+from cspr_drivers.config.can_config import BusConfig, CanConfig
+from cspr_drivers.drives.group import GroupState
+from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 

@@ -5,9 +5,9 @@ import uuid
 import can
 import pytest
 
-from cspr_drivers.can_bus import QuickVirtualBus
-from cspr_drivers.simulation.bus_timing import BABBLING_COB_ID, BusDisturbance
-from cspr_drivers.simulation.timed_bus import TimedBus
+from cspr_drivers.bus.can_bus import QuickVirtualBus
+from cspr_drivers.simulation.bus.bus_timing import BABBLING_COB_ID, BusDisturbance
+from cspr_drivers.simulation.bus.timed_bus import TimedBus
 
 PATIENCE = 30.0
 US = 1e-6

@@ -17,7 +17,7 @@ from cspr_control.analysis.configuration import Configuration, read_configuratio
 from cspr_control.analysis.timeline import Timeline, TrajectoryRun, read_timeline
 from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
-from cspr_msgs_py.bag_reader import Bag, BagWarning, Inertias, JointStates, Poses, References
+from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates, Poses, References
 from cspr_msgs_py.errors import BagError
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,

@@ -15,16 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.configuration import describe, differences
-from cspr_control.analysis.cycles import cycle_bins, cycle_periods
-from cspr_control.analysis.decimation import envelope
-from cspr_control.analysis.error_statistics import ErrorStatistics
-from cspr_control.analysis.figures import CABLE_OF_FIGURE_10, payload_change
-from cspr_control.analysis.packing import Packer
+from cspr_control.analysis.figures.all_figures import CABLE_OF_FIGURE_10, payload_change
+from cspr_control.analysis.figures.style import (
+    COLOURS,
+    DASHED_CONTROLLERS,
+    controller_colour,
+    controller_title,
+)
+from cspr_control.analysis.numbers.cycles import cycle_bins, cycle_periods
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.tables import motor_rows, row_texts, summary_rows
+from cspr_control.analysis.page.decimation import envelope
+from cspr_control.analysis.page.packing import Packer
 from cspr_control.analysis.run_analysis import RunAnalysis
-from cspr_control.analysis.style import COLOURS, DASHED_CONTROLLERS, controller_colour, controller_title
-from cspr_control.analysis.tables import motor_rows, row_texts, summary_rows
 from cspr_control.analysis.timeline import Event, EventKind
-from cspr_control.tension_colours import TENSION_COLOURS
+from cspr_control.markers.tension_colours import TENSION_COLOURS
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cspr_control.analysis.figures import save_figures
+from cspr_control.analysis.figures.all_figures import save_figures
 from cspr_control.analysis.report import write_report
 from cspr_control.analysis.run_analysis import RunAnalysis
 

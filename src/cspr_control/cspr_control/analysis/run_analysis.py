@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.configuration import require_one_robot
-from cspr_control.analysis.error_statistics import ErrorStatistics
-from cspr_control.analysis.mass_metrics import change_indices
-from cspr_control.analysis.metrics import RunMetrics, run_metrics
-from cspr_control.analysis.motor_errors import MotorErrors, motor_errors
-from cspr_control.analysis.predicted_tensions import PredictedTensions, predict_tensions
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.mass import change_indices
+from cspr_control.analysis.numbers.metrics import RunMetrics, run_metrics
+from cspr_control.analysis.numbers.motor_errors import MotorErrors, motor_errors
+from cspr_control.analysis.numbers.predicted_tensions import PredictedTensions, predict_tensions
 from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, Recording, read_recording
 from cspr_control.errors import ControlError
 from cspr_kinematics import KinematicsError

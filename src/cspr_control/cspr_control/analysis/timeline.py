@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_msgs_py.bag_reader import Bag
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import DIAGNOSTICS, DRIVE_STATES, EVENTS, ROBOT_STATE, TRAJECTORY_STATE
 
 LOG = "/rosout"

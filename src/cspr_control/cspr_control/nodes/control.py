@@ -13,7 +13,7 @@ from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.pose_estimator import PoseEstimatorNode
 from cspr_control.nodes.supervisor import SupervisorNode
 from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
-from cspr_msgs_py.nodes.process import run_nodes, shared_subscriptions
+from cspr_msgs_py.runtime.process import run_nodes, shared_subscriptions
 
 
 def create_control_nodes() -> Sequence[Node]:

@@ -17,12 +17,12 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cspr_control.child_processes import ChildProcesses
-from cspr_control.demo_scenario import DemoError
+from cspr_control.demo.child_processes import ChildProcesses
+from cspr_control.demo.scenario import DemoError
 from cspr_control.errors import ControlError
 from cspr_msgs_py import topics
-from cspr_msgs_py.conversions import inertia_stamped
 from cspr_msgs_py.qos import qos_profile
+from cspr_msgs_py.wire.conversions import inertia_stamped
 
 
 class DemoClient(Node):

@@ -7,10 +7,10 @@ from typing import Any
 
 from rclpy.node import Node
 
-from cspr_control.motor_control import MotorGains
+from cspr_control.motors.motor_control import MotorGains
 from cspr_control.nodes.parameters import ChangeableParameters
 from cspr_kinematics import Robot
-from cspr_msgs_py.nodes.process import declare
+from cspr_msgs_py.runtime.process import declare
 
 
 def declare_gains(

@@ -11,16 +11,13 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 
 from cspr_control.errors import MeasurementError
-from cspr_control.node_parameters import MASS_ESTIMATOR, estimator_settings
+from cspr_control.estimation.payload import UPDATE_PERIOD, EstimatorSettings, PayloadEstimator
 from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
-from cspr_control.payload_estimation import UPDATE_PERIOD, EstimatorSettings, PayloadEstimator
+from cspr_control.parameters.tables import MASS_ESTIMATOR, estimator_settings
 from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
-from cspr_msgs_py.conversions import Level, diagnostic_status, from_pose_stamped, inertia_stamped
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
-from cspr_msgs_py.nodes.process import (
+from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
     run_nodes,
@@ -29,6 +26,9 @@ from cspr_msgs_py.nodes.process import (
     subscribe_raw,
 )
 from cspr_msgs_py.topics import CABLE_TENSIONS, PAYLOAD, PLATFORM_POSE, cable_names
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_pose_stamped, inertia_stamped
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 
 
 class MassEstimatorNode(Node):

@@ -6,7 +6,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from cspr_control.motor_control import MotorGains
+from cspr_control.motors.motor_control import MotorGains
 from cspr_control.nodes.gain_parameters import declare_gains
 from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.nodes.parameters import declare_control_period, declare_robot

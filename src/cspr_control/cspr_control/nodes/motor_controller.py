@@ -11,16 +11,16 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from cspr_control.errors import SettingError
-from cspr_control.motor_control import MotorController, MotorGains
+from cspr_control.motors.motor_control import MotorController, MotorGains
 from cspr_control.nodes.gain_parameters import declare_gains
 from cspr_control.nodes.parameters import declare_control_period, declare_robot
 from cspr_kinematics import Robot
-from cspr_msgs_py.conversions import Level, diagnostic_status
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint
-from cspr_msgs_py.nodes.process import LEAN_NODE, Diagnostics, advertise, declare, run_nodes, subscribe_raw
+from cspr_msgs_py.runtime.process import LEAN_NODE, Diagnostics, advertise, declare, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, motor_command, motor_names
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 
 
 class MotorControllerNode(Node):

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cspr_control.errors import ControlError
-from cspr_control.node_parameters import NodeParameter
+from cspr_control.parameters.tables import NodeParameter
 from cspr_kinematics import KinematicsError, Robot
-from cspr_msgs_py.nodes.process import declare
+from cspr_msgs_py.runtime.process import declare
 
 Settings = TypeVar("Settings")
 

@@ -8,16 +8,16 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
+from cspr_control.estimation.pose import PoseEstimator
 from cspr_control.nodes.parameters import declare_control_period, declare_robot
-from cspr_control.pose_estimation import PoseEstimator
 from cspr_kinematics import KinematicsError
 from cspr_kinematics.warm_up import warm_up
-from cspr_msgs_py.conversions import Level, diagnostic_status, pose_stamped
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
-from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, subscribe_raw
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, motor_names
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status, pose_stamped
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 
 _SECOND = 1_000_000_000  # ns
 

@@ -20,10 +20,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cspr_control.errors import ControlError, PayloadError
-from cspr_control.feedforward import checked_payload
-from cspr_control.nodes.parameters import declare_robot
-from cspr_control.point_to_point import MotionLimits
-from cspr_control.robot_markers import (
+from cspr_control.markers.robot_markers import (
     Shape,
     ShapeKind,
     cable_shape,
@@ -34,21 +31,14 @@ from cspr_control.robot_markers import (
     reference_shape,
     trajectory_shape,
 )
-from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.motors.feedforward import checked_payload
+from cspr_control.nodes.parameters import declare_robot
+from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import KinematicsError, Payload, Pose
 from cspr_kinematics.warm_up import warm_up
-from cspr_msgs_py.conversions import (
-    Level,
-    diagnostic_status,
-    from_diagnostic_status,
-    from_inertia_stamped,
-    from_pose_stamped,
-    time_message,
-)
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
-from cspr_msgs_py.nodes.process import (
+from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
     declare,
@@ -57,8 +47,6 @@ from cspr_msgs_py.nodes.process import (
     subscribe,
     subscribe_raw,
 )
-from cspr_msgs_py.reference import ReferenceCodec
-from cspr_msgs_py.reference_conversion import decode_reference
 from cspr_msgs_py.topics import (
     BASE_FRAME,
     CABLE_TENSIONS,
@@ -69,6 +57,18 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     cable_names,
 )
+from cspr_msgs_py.wire.conversions import (
+    Level,
+    diagnostic_status,
+    from_diagnostic_status,
+    from_inertia_stamped,
+    from_pose_stamped,
+    time_message,
+)
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
+from cspr_msgs_py.wire.reference import ReferenceCodec
+from cspr_msgs_py.wire.reference_conversion import decode_reference
 
 _PERIOD = 0.1  # s
 _MAX_AGE = 0.5  # s; what is older is not shown

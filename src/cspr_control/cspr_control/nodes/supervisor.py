@@ -18,21 +18,12 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cspr_control.nodes.parameters import declare_robot
-from cspr_control.supervision import Action, Decision, DriverState, RobotState, Supervisor
-from cspr_control.supervision_checks import MonitoredInput, SupervisionLimits
-from cspr_control.trajectory_player import TrajectoryPhase
+from cspr_control.reference.player import TrajectoryPhase
+from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_control.supervision.supervisor import Action, Decision, DriverState, RobotState, Supervisor
 from cspr_kinematics import Robot
-from cspr_msgs_py.conversions import (
-    Level,
-    diagnostic_status,
-    from_diagnostic_array,
-    from_diagnostic_status,
-    from_pose_stamped,
-)
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
-from cspr_msgs_py.nodes.process import (
+from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
     declare,
@@ -54,6 +45,15 @@ from cspr_msgs_py.topics import (
     cable_names,
     motor_names,
 )
+from cspr_msgs_py.wire.conversions import (
+    Level,
+    diagnostic_status,
+    from_diagnostic_array,
+    from_diagnostic_status,
+    from_pose_stamped,
+)
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 
 _PERIOD = 0.02
 """Of the checks, s."""

@@ -12,18 +12,14 @@ from std_srvs.srv import Trigger
 
 from cspr_control.errors import ControlError, TrajectoryError
 from cspr_control.nodes.parameters import ChangeableParameters, declare_control_period, declare_robot
-from cspr_control.point_to_point import MotionLimits
-from cspr_control.reference import ReferencePoint
-from cspr_control.supervision import RobotState
-from cspr_control.trajectory_catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
-from cspr_control.trajectory_player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.point_to_point import MotionLimits
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_control.supervision.supervisor import RobotState
 from cspr_kinematics import KinematicsError, Pose
-from cspr_msgs_py.conversions import Level, diagnostic_status, from_diagnostic_status, from_pose_stamped
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint_state
-from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
-from cspr_msgs_py.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     MOTOR_STATES,
     PLATFORM_POSE,
@@ -32,6 +28,10 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     motor_names,
 )
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_diagnostic_status, from_pose_stamped
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
+from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 _FOLLOWING_STATES = (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING)
 """States in which the motors follow, or are about to follow, the reference."""

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import yaml
 
-from cspr_drivers.can_config import CanConfig
 from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings, replace_file
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.identity import Identity
 from cspr_drivers.errors import ConfigurationError
-from cspr_drivers.identity import Identity
 
 
 def new_text(old: str, config: CanConfig, findings: Findings) -> str:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cspr_drivers.can_config import CanConfig
 from cspr_drivers.commission.found_devices import FoundDevice
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.identity import Identity
 from cspr_drivers.errors import ConfigurationError
-from cspr_drivers.identity import Identity
 
 _FORM = 1  # of the file; another one is not read
 

@@ -10,13 +10,13 @@ from functools import partial
 
 import can
 
-from cspr_drivers import cia402, cia404
-from cspr_drivers.can_bus import CanPort, CanPorts
-from cspr_drivers.canopen_device import CanopenDevice
+from cspr_drivers.bus.can_bus import CanPort, CanPorts
+from cspr_drivers.canopen import cia402, cia404
+from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
+from cspr_drivers.canopen.object_entry import Parameter
+from cspr_drivers.config.identity import Identity
+from cspr_drivers.devices.device import CanopenDevice
 from cspr_drivers.errors import BusError, DeviceError
-from cspr_drivers.frame_table import FunctionCode, cob_id
-from cspr_drivers.identity import Identity
-from cspr_drivers.object_entry import Parameter
 
 _UPLOAD_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")  # CiA 301, section 7.2.4.3.5, of 1000h
 _PAUSE = 0.001  # s between two requests, so that no send buffer overflows

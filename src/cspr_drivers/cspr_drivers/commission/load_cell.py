@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from cspr_drivers import cia404
-from cspr_drivers.can_config import LoadCellConfig
-from cspr_drivers.canopen_device import CanopenDevice
-from cspr_drivers.device_parameters import load_cell_tare
+from cspr_drivers.canopen import cia404
+from cspr_drivers.canopen.object_entry import Parameter
+from cspr_drivers.config.can_config import LoadCellConfig
+from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.devices.settings import load_cell_tare
 from cspr_drivers.errors import DeviceError
-from cspr_drivers.object_entry import Parameter
 
 _SAMPLES = 25  # of a reading that counts: a fifth of the noise of one
 _GLANCE = 4  # of one that only has to change

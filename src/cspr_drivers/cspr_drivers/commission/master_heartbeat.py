@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from types import TracebackType
 
-from cspr_drivers.can_bus import CanPorts, CyclicFrame
-from cspr_drivers.frame_table import FunctionCode, cob_id
+from cspr_drivers.bus.can_bus import CanPorts, CyclicFrame
+from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 
 _OPERATIONAL = b"\x05"  # CiA 301, section 7.2.8.3.2
 

@@ -7,13 +7,13 @@ import math
 import time
 from types import TracebackType
 
-from cspr_drivers import cia402
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.canopen_device import CanopenDevice, NmtCommand
-from cspr_drivers.cia402 import State, Target
-from cspr_drivers.device_parameters import drive_mode, milliseconds
+from cspr_drivers.canopen import cia402
+from cspr_drivers.canopen.cia402 import State, Target
+from cspr_drivers.canopen.object_entry import Parameter
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.devices.device import CanopenDevice, NmtCommand
+from cspr_drivers.devices.settings import drive_mode, milliseconds
 from cspr_drivers.errors import DeviceError
-from cspr_drivers.object_entry import Parameter
 
 _STATUS_WORD = Parameter(0x6041, 0, 16, 0, "statusword")
 _POSITION = Parameter(0x6064, 0, 32, 0, "position actual value", signed=True)

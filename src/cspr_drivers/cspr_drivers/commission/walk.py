@@ -6,16 +6,16 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cspr_drivers import cia402, cia404
-from cspr_drivers.can_bus import CanPorts
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.canopen_device import CanopenDevice
+from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.canopen import cia402, cia404
 from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings, commissioned
 from cspr_drivers.commission.found_devices import FoundDevice, scan
 from cspr_drivers.commission.load_cell import SingleLoadCell
 from cspr_drivers.commission.operator import Questions, WalkStoppedError
 from cspr_drivers.commission.single_drive import SingleDrive
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.devices.device import CanopenDevice
 
 _NUDGE = 0.5  # revolutions of the motor: some 5 mm of cable
 SCALE_WAY = 2.0  # revolutions of the motor over which the cable is measured

@@ -8,21 +8,18 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cspr_drivers.bus_load import require_fitting_load
-from cspr_drivers.can_bus import CanPorts
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.drive_group import GroupState
-from cspr_drivers.drive_master import DriveMaster
-from cspr_drivers.drive_report import MotorStates
-from cspr_drivers.drive_status import DriveStatus
+from cspr_drivers.bus.bus_load import require_fitting_load
+from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.group import GroupState
+from cspr_drivers.drives.master import DriveMaster
+from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.nodes.driver_messages import bus_status, drive_diagnostics, drive_states, not_configured
 from cspr_drivers.nodes.driver_node import DriverNode
-from cspr_drivers.shared_ports import SharedPorts
-from cspr_msgs_py.conversions import diagnostic_array
 from cspr_msgs_py.errors import MessageError, StartError
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.joint_state_conversion import decode_joint
-from cspr_msgs_py.nodes.process import (
+from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
     declare,
@@ -31,6 +28,9 @@ from cspr_msgs_py.nodes.process import (
     subscribe_raw,
 )
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
+from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 
 # Threads of a driver wait for each other for microseconds; Python's 5 ms are longer than a cycle.
 SWITCH_INTERVAL = 0.0001  # s

@@ -11,10 +11,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cspr_drivers.can_bus import CanPorts
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.shared_ports import SharedPorts
-from cspr_msgs_py.nodes.process import declare
+from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.config.can_config import CanConfig
+from cspr_msgs_py.runtime.process import declare
 
 
 class DriverNode(LifecycleNode):

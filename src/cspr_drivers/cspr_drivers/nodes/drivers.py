@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
 from cspr_drivers.nodes.load_cells import LoadCells
-from cspr_msgs_py.nodes.process import run_nodes
+from cspr_msgs_py.runtime.process import run_nodes
 
 
 def create_nodes() -> list[Node]:

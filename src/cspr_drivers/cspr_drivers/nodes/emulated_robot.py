@@ -9,7 +9,7 @@ import sys
 
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
 from cspr_drivers.nodes.simulated_robot import SimulatedRobot
-from cspr_msgs_py.nodes.process import run_nodes
+from cspr_msgs_py.runtime.process import run_nodes
 
 
 def main() -> int:

@@ -8,9 +8,10 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cspr_drivers import clock
-from cspr_drivers.can_bus import CanPorts
-from cspr_drivers.can_config import CanConfig
-from cspr_drivers.load_cell_master import LoadCellMaster
+from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
 from cspr_drivers.nodes.driver_messages import (
     bus_status,
@@ -19,11 +20,10 @@ from cspr_drivers.nodes.driver_messages import (
     not_configured,
 )
 from cspr_drivers.nodes.driver_node import DriverNode
-from cspr_drivers.shared_ports import SharedPorts
-from cspr_msgs_py.conversions import diagnostic_array
-from cspr_msgs_py.joint_state import JointStateCodec
-from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer
 from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, cable_names
+from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 WATCH_PERIOD = 0.5  # s; how often heartbeats are looked at
 STATE_PERIOD = 0.02  # s; how soon a problem is on /load_cell_states

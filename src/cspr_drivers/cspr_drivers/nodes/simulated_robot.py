@@ -15,20 +15,20 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from cspr_drivers import clock
-from cspr_drivers.can_config import CanConfig
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
 from cspr_drivers.nodes.driver_node import load_config
 from cspr_drivers.nodes.load_cells import LoadCells
 from cspr_drivers.simulation.fault_injection import InjectedFault
+from cspr_drivers.simulation.plant.shared import PlantModel
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
-from cspr_drivers.simulation.shared_plant import PlantModel
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
-from cspr_msgs_py.conversions import Level, diagnostic_status, from_inertia_stamped, inertia_stamped
 from cspr_msgs_py.errors import StartError
-from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer, subscribe
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer, subscribe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_inertia_stamped, inertia_stamped
 
 _PAYLOAD_PERIOD = 0.02  # s
 _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn
@@ -196,7 +196,7 @@ def create_nodes(**options: Any) -> list[Node]:
 
 def _plant(simulation: SimulationConfig) -> PlantModel:
     try:
-        from cspr_drivers.simulation.plant import Plant
+        from cspr_drivers.simulation.plant.plant import Plant
     except ImportError as error:
         raise StartError(
             f"the simulation needs MuJoCo; `pip install mujoco` installs it ({error})"

@@ -11,12 +11,12 @@ from enum import Enum
 from functools import partial
 
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.bus_timing import BusDisturbance, Disturbable
-from cspr_drivers.simulation.canopen_codes import EmergencyCode
-from cspr_drivers.simulation.drive_emulator import DriveEmulator
-from cspr_drivers.simulation.emulated_node import EmulatedNode
-from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
-from cspr_drivers.simulation.shared_plant import SharedPlant
+from cspr_drivers.simulation.bus.bus_timing import BusDisturbance, Disturbable
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode
+from cspr_drivers.simulation.devices.drive import DriveEmulator
+from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
+from cspr_drivers.simulation.devices.node import EmulatedNode
+from cspr_drivers.simulation.plant.shared import SharedPlant
 
 _DRIFT = 200.0  # N/s: some fifth of a tension each second
 _WEAK_BRAKE = 0.05  # share of the holding torque

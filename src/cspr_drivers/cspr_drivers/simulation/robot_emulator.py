@@ -14,17 +14,17 @@ import can
 import canopen
 
 from cspr_drivers import clock
-from cspr_drivers.can_bus import QuickVirtualBus, open_bus
-from cspr_drivers.can_config import CanConfig, DriveConfig, LoadCellConfig
+from cspr_drivers.bus.can_bus import QuickVirtualBus, open_bus
+from cspr_drivers.canopen.frame_table import SYNC_COB_ID
+from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.errors import BusError, ConfigurationError, DriverError
-from cspr_drivers.frame_table import SYNC_COB_ID
-from cspr_drivers.simulation.drive_emulator import DriveEmulator
-from cspr_drivers.simulation.emulated_node import EmulatedNode
+from cspr_drivers.simulation.bus.timed_bus import TimedBus
+from cspr_drivers.simulation.devices.drive import DriveEmulator
+from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
+from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.fault_injection import FaultInjector, FaultOrder
-from cspr_drivers.simulation.load_cell_emulator import LoadCellEmulator
-from cspr_drivers.simulation.shared_plant import PlantModel, SharedPlant
+from cspr_drivers.simulation.plant.shared import PlantModel, SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_drivers.simulation.timed_bus import TimedBus
 from cspr_kinematics import Payload
 
 DRIVE_EDS = "cia402_drive.eds"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_drivers.config_section import ConfigSection
+from cspr_drivers.config.config_section import ConfigSection
 from cspr_drivers.errors import ConfigurationError
 from cspr_kinematics import InvalidInputError, KinematicsError, Payload, Pulleys, RigidBody, Robot
 

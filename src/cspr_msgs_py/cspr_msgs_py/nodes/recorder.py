@@ -17,19 +17,19 @@ from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from cspr_msgs_py.bag_file import LOST, Attachment, BagFile, Compression, Split
-from cspr_msgs_py.bag_metadata import RecordedTopic
-from cspr_msgs_py.bag_writer import BagWriter
-from cspr_msgs_py.cdr import NANOSECONDS
-from cspr_msgs_py.conversions import Level, diagnostic_status
+from cspr_msgs_py.bag.bag_file import LOST, Attachment, BagFile, Compression, Split
+from cspr_msgs_py.bag.metadata import RecordedTopic
+from cspr_msgs_py.bag.recording_information import recording_information
+from cspr_msgs_py.bag.writer import BagWriter
 from cspr_msgs_py.errors import MessageError, StartError
 from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.nodes.process import Diagnostics, advertise, declare, run_nodes, steady_timer
-from cspr_msgs_py.nodes.recorder_intake import Intake
-from cspr_msgs_py.nodes.scheduling import set_background
 from cspr_msgs_py.qos import compatible_profile, offered_qos, qos_profile
-from cspr_msgs_py.recording_information import recording_information
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer
+from cspr_msgs_py.runtime.recorder_intake import Intake
+from cspr_msgs_py.runtime.scheduling import set_background
 from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
+from cspr_msgs_py.wire.cdr import NANOSECONDS
+from cspr_msgs_py.wire.conversions import Level, diagnostic_status
 
 GRAPH_PERIOD = 0.5  # s between two looks for new topics
 

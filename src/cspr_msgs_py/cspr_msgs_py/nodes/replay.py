@@ -19,16 +19,16 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
-from cspr_msgs_py.bag_reader import Bag, BagWarning, Message
-from cspr_msgs_py.cdr import NANOSECONDS
-from cspr_msgs_py.conversions import time_message
+from cspr_msgs_py.bag.reader import Bag, BagWarning, Message
+from cspr_msgs_py.bag.replay_pace import ReplayPace
 from cspr_msgs_py.errors import BagError, MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class
-from cspr_msgs_py.nodes.process import LEAN_NODE
 from cspr_msgs_py.qos import replay_profile
-from cspr_msgs_py.replay_pace import ReplayPace
-from cspr_msgs_py.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
+from cspr_msgs_py.runtime.process import LEAN_NODE
+from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
 from cspr_msgs_py.topics import MOTOR_STATES, graph_topics
+from cspr_msgs_py.wire.cdr import NANOSECONDS
+from cspr_msgs_py.wire.conversions import time_message
 
 CLOCK = "/clock"
 DRIVER = "can_drives"  # the node that passes the motors' commands on to real drives

@@ -1,0 +1,142 @@
+"""How good the estimate of the payload's mass was."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.analysis.numbers.run_summary import MassTrace, settling_time
+from cspr_control.analysis.recording import Recording
+from cspr_msgs_py.bag.reader import Inertias
+
+_LEAST_CHANGE = 1e-3  # kg, from which on the true mass counts as changed
+
+
+@dataclass(frozen=True)
+class MassChange:
+    """One change of the true payload.
+
+    Attributes
+    ----------
+    time
+        When, s.
+    mass_before, mass
+        The true ones before and after, kg.
+    settling
+        Time until the estimate stays within 2 % of the true mass, s; None if it never does before the next change.
+    """
+
+    time: float
+    mass_before: float
+    mass: float
+    settling: float | None
+
+
+@dataclass(frozen=True)
+class MassMetrics:
+    """The estimate while the robot was on its trajectories; NaN without a true mass to compare with.
+
+    Attributes
+    ----------
+    estimate, true
+        At the end, kg.
+    bias, noise
+        Mean and standard deviation of the estimate's error once it has settled, kg (of the estimate itself, less
+        its mean, without a true mass). Where it never settles: in the second half of what is left.
+    rms
+        RMS error over all of the time, kg.
+    changes
+        Of the true mass, in the order of time.
+    settling
+        After the last change, s; without one from the start of the record. None if it never settles.
+    """
+
+    estimate: float
+    true: float
+    bias: float
+    noise: float
+    rms: float
+    changes: tuple[MassChange, ...]
+    settling: float | None
+
+
+def mass_trace(recording: Recording, payload: Inertias) -> MassTrace:
+    """Return a payload's mass on the trajectories, by the time at which each message was there.
+
+    The estimate keeps the stamp of its newest measurement while it is held: what counts is when it was there.
+    """
+    counted = recording.judged(payload.log_time_ns)
+    return MassTrace(payload.log_time_ns[counted], payload.mass[counted])
+
+
+def mass_metrics(recording: Recording) -> MassMetrics | None:
+    """Judge the estimated mass; None if the recording has none on its trajectories."""
+    if recording.estimate is None:
+        return None
+    estimate = mass_trace(recording, recording.estimate)
+    if estimate.mass.size == 0:
+        return None
+    truth = None if recording.truth is None else mass_trace(recording, recording.truth)
+    if truth is None or truth.mass.size == 0:
+        late = estimate.mass[estimate.mass.size // 2 :]
+        return MassMetrics(
+            float(estimate.mass[-1]), math.nan, math.nan, float(late.std()), math.nan, (), None
+        )
+    known = np.maximum(np.searchsorted(truth.stamp_ns, estimate.stamp_ns, side="right") - 1, 0)
+    error = estimate.mass - truth.mass[known]
+    changes = _changes(recording, estimate, truth)
+    settling = changes[-1].settling if changes else settling_time(estimate, truth)
+    start = _last_change_ns(truth) or int(estimate.stamp_ns[0])
+    steady = _steady(estimate.stamp_ns, start, settling)
+    return MassMetrics(
+        float(estimate.mass[-1]),
+        float(truth.mass[-1]),
+        float(error[steady].mean()),
+        float(error[steady].std()),
+        float(np.sqrt((error**2).mean())),
+        changes,
+        settling,
+    )
+
+
+def _steady(stamps: NDArray[np.int64], start: int, settling: float | None) -> NDArray[np.bool_]:
+    """Return which samples are judged for bias and noise; at least one."""
+    begin = start + round(settling * 1e9) if settling is not None else (start + int(stamps[-1])) // 2
+    return stamps >= min(begin, int(stamps[-1]))
+
+
+def change_indices(mass: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the indices of the first samples of a new mass."""
+    return np.flatnonzero(np.abs(np.diff(mass)) > _LEAST_CHANGE) + 1
+
+
+def _last_change_ns(truth: MassTrace) -> int | None:
+    places = change_indices(truth.mass)
+    return int(truth.stamp_ns[places[-1]]) if places.size else None
+
+
+def _changes(recording: Recording, estimate: MassTrace, truth: MassTrace) -> tuple[MassChange, ...]:
+    places = change_indices(truth.mass)
+    if places.size == 0:
+        return ()
+    ends = [*truth.stamp_ns[places[1:]].tolist(), int(estimate.stamp_ns[-1]) + 1]
+    changes = []
+    for place, end in zip(places.tolist(), ends, strict=True):
+        part = (estimate.stamp_ns >= truth.stamp_ns[place - 1]) & (estimate.stamp_ns < end)
+        true_part = (truth.stamp_ns >= truth.stamp_ns[place - 1]) & (truth.stamp_ns < end)
+        settling = settling_time(
+            MassTrace(estimate.stamp_ns[part], estimate.mass[part]),
+            MassTrace(truth.stamp_ns[true_part], truth.mass[true_part]),
+        )
+        changes.append(
+            MassChange(
+                float(recording.seconds(truth.stamp_ns[place : place + 1])[0]),
+                float(truth.mass[place - 1]),
+                float(truth.mass[place]),
+                settling,
+            )
+        )
+    return tuple(changes)

@@ -1,0 +1,251 @@
+"""What a recorded run was worth, in numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.analysis.numbers.cycles import CycleMetrics, cycle_metrics
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.mass import MassMetrics, mass_metrics
+from cspr_control.analysis.numbers.motor_errors import MotorErrors
+from cspr_control.analysis.numbers.predicted_tensions import PredictedTensions
+from cspr_control.analysis.recording import Recording
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How near a quantity came to its limit, and where.
+
+    Attributes
+    ----------
+    margin
+        Least distance to the limit in the unit of the quantity; negative beyond it.
+    limit
+        The limit.
+    index
+        Number of the motor or cable, counted from 1; 0 where it is neither.
+    time
+        When, s.
+    """
+
+    margin: float
+    limit: float
+    index: int
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Saturation:
+    """How often each motor's command stood at its torque limit, (m,): of how many commands, and their share."""
+
+    count: NDArray[np.int64]
+    share: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyMetrics:
+    """Mechanical energy at the motor shafts, each (m,), J; and what the cables gave to the platform.
+
+    Attributes
+    ----------
+    supplied, returned
+        By the motors while they drive, and to them while they brake (both positive).
+    cables
+        Work of all measured tensions on the platform, J; NaN without tensions.
+    """
+
+    supplied: Floats
+    returned: Floats
+    cables: float
+
+
+@dataclass(frozen=True, eq=False)
+class RunMetrics:
+    """The numbers of one run; None for what its bag cannot tell.
+
+    Attributes
+    ----------
+    controller, trajectory, bag, robot
+        What was run, and where it is recorded.
+    duration
+        Of what the numbers are about, s: the trajectories, or the whole recording if there was none.
+    position_error
+        Of each motor, degrees.
+    velocity_error
+        Of each motor, degrees/s.
+    tension_error
+        Measured less predicted by the dynamic model, of each cable, N.
+    tension_bias
+        Mean of the same (m,), N.
+    """
+
+    controller: str
+    trajectory: str
+    bag: str
+    robot: str
+    duration: float
+    position_error: ErrorStatistics | None
+    velocity_error: ErrorStatistics | None
+    tension_error: ErrorStatistics | None
+    tension_bias: Floats | None
+    mass: MassMetrics | None
+    saturation: Saturation | None
+    margins: dict[str, Margin]
+    cycle: CycleMetrics
+    energy: EnergyMetrics
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the metrics as they are stored in metrics.json, units in the keys."""
+        units = {
+            "duration": "duration_s",
+            "position_error": "position_error_deg",
+            "velocity_error": "velocity_error_deg_per_s",
+            "tension_error": "tension_error_n",
+            "tension_bias": "tension_bias_n",
+            "energy": "energy_j",
+        }
+        return {units.get(item.name, item.name): _plain(getattr(self, item.name)) for item in fields(self)}
+
+
+def _plain(value: Any) -> Any:
+    """Return something that JSON can hold: NaN becomes null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [_plain(item) for item in value.tolist()]
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def run_metrics(
+    recording: Recording, errors: MotorErrors | None, predicted: PredictedTensions | None
+) -> RunMetrics:
+    """Compute the numbers of a run.
+
+    Parameters
+    ----------
+    recording
+        The run.
+    errors, predicted
+        Its motor errors and predicted tensions, as far as there are any.
+    """
+    states = recording.states
+    judged = recording.judged(states.time_ns)
+    times = states.time_ns[judged]
+    position = velocity = None
+    if errors is not None:
+        counted = errors.part(recording.judged(errors.time_ns))
+        position = ErrorStatistics.of(np.degrees(counted.position))
+        velocity = ErrorStatistics.of(np.degrees(counted.velocity))
+    deviation = tension_deviation(recording, predicted)
+    return RunMetrics(
+        recording.controller,
+        recording.trajectory,
+        str(recording.path),
+        recording.robot.name,
+        sum(run.end_ns - run.start_ns for run in recording.trajectories) * 1e-9
+        or float(np.ptp(times)) * 1e-9,
+        position,
+        velocity,
+        None if deviation is None else ErrorStatistics.of(deviation),
+        None if deviation is None else deviation.mean(axis=0),
+        mass_metrics(recording),
+        _saturation(recording, judged),
+        _margins(recording, judged),
+        cycle_metrics(recording),
+        _energy(recording, judged),
+    )
+
+
+def tension_deviation(recording: Recording, predicted: PredictedTensions | None) -> Floats | None:
+    """Return measured less predicted tensions (n, m) at the measurements that count, N; None without either."""
+    tensions = recording.tensions
+    if tensions is None or predicted is None:
+        return None
+    counted = recording.judged(tensions.time_ns)
+    counted &= (tensions.time_ns >= predicted.time_ns[0]) & (tensions.time_ns <= predicted.time_ns[-1])
+    if not counted.any():
+        return None
+    return np.asarray(tensions.effort[counted] - predicted.dynamic_at(tensions.time_ns[counted]))
+
+
+def _saturation(recording: Recording, judged: NDArray[np.bool_]) -> Saturation | None:
+    if recording.command_torque is None:
+        return None
+    torque = np.abs(recording.command_torque[judged])
+    answered = np.maximum(np.isfinite(torque).sum(axis=0), 1)
+    count = (torque >= recording.robot.motor.torque_limit * (1.0 - 1e-9)).sum(axis=0)
+    return Saturation(count, count / answered)
+
+
+def _margins(recording: Recording, judged: NDArray[np.bool_]) -> dict[str, Margin]:
+    robot, states = recording.robot, recording.states
+    motor = robot.motor
+    time = recording.seconds(states.time_ns[judged])
+    margins: dict[str, Margin] = {}
+
+    def add(name: str, distance: Floats, limit: float, time: Floats) -> None:
+        if np.isfinite(distance).any():
+            row, column = np.unravel_index(int(np.nanargmin(distance)), distance.shape)
+            margins[name] = Margin(float(distance[row, column]), limit, int(column) + 1, float(time[row]))
+
+    if recording.tensions is not None:
+        tensions = recording.tensions
+        counted = recording.judged(tensions.time_ns)
+        measured, at = tensions.effort[counted], recording.seconds(tensions.time_ns[counted])
+        add("tension_min_n", measured - robot.tension_min, robot.tension_min, at)
+        add("tension_max_n", robot.tension_max - measured, robot.tension_max, at)
+    if recording.command_torque is not None:
+        torque = np.abs(recording.command_torque[judged])
+        add("torque_nm", motor.torque_limit - torque, motor.torque_limit, time)
+    add("speed_rad_per_s", motor.speed_limit - np.abs(states.velocity[judged]), motor.speed_limit, time)
+    if recording.poses is not None:
+        poses = recording.poses
+        counted = recording.judged(poses.time_ns)
+        position, at = poses.position[counted], recording.seconds(poses.time_ns[counted])
+        inside = np.minimum(position - robot.workspace_min, robot.workspace_max - position)
+        if inside.size:
+            nearest = int(inside.min(axis=1).argmin())
+            axis = int(inside[nearest].argmin())
+            low = position[nearest, axis] - robot.workspace_min[axis] <= inside[nearest, axis]
+            bound = (robot.workspace_min if low else robot.workspace_max)[axis]
+            margins["workspace_m"] = Margin(float(inside[nearest, axis]), float(bound), 0, float(at[nearest]))
+    return margins
+
+
+def _energy(recording: Recording, judged: NDArray[np.bool_]) -> EnergyMetrics:
+    states = recording.states
+    m = recording.robot.number_of_cables
+    if not states.effort.shape[1] or not states.velocity.shape[1]:
+        nothing = np.full(m, np.nan)
+        return EnergyMetrics(nothing, nothing, math.nan)
+    time = recording.seconds(states.time_ns)
+    speed = states.velocity
+    power = states.effort * speed
+    supplied = _integral(time, np.maximum(power, 0.0), judged)
+    returned = _integral(time, np.maximum(-power, 0.0), judged)
+    cables = math.nan
+    if recording.tensions is not None:
+        at = recording.seconds(recording.tensions.time_ns)
+        tensions = np.stack([np.interp(time, at, column) for column in recording.tensions.effort.T], axis=-1)
+        work = -tensions * recording.robot.winch.cable_speed(np.nan_to_num(speed))
+        cables = float(_integral(time, work, judged).sum())
+    return EnergyMetrics(supplied, returned, cables)
+
+
+def _integral(time: Floats, power: Floats, judged: NDArray[np.bool_]) -> Floats:
+    """Integrate (n, m) by the trapezoidal rule over the intervals between two times that both count."""
+    both = (judged[1:] & judged[:-1])[:, None]
+    mean = 0.5 * (power[1:] + power[:-1])
+    return np.asarray((np.where(both, mean, 0.0) * np.diff(time)[:, None]).sum(axis=0))

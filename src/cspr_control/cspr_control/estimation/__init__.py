@@ -1,0 +1,1 @@
+"""Pose of the platform and payload, from angles and tensions."""

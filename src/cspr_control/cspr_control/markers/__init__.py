@@ -1,0 +1,1 @@
+"""The robot as markers, for RViz and Foxglove."""

@@ -1,0 +1,363 @@
+"""Feed-forward: from the reference of the platform to the set-point of each motor (eqs. 6, 8 and 15)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspr_control.errors import PayloadError, SettingError
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_kinematics import (
+    Acceleration,
+    FeedforwardTensions,
+    Method,
+    Payload,
+    Robot,
+    SingularWrenchMatrixError,
+    TensionBlend,
+    Twist,
+    available_wrenches,
+    feedforward_tensions,
+)
+
+LARGEST_OFFSET = 10.0
+"""Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
+
+_AT_REST = Twist.zero()
+_UNACCELERATED = Acceleration.zero()
+
+
+class FeedforwardModel(Enum):
+    """How much of the platform's dynamics the torque anticipates.
+
+    - NONE: nothing, the PD controllers do all the work.
+    - STATIC: the weight.
+    - DYNAMIC: weight, inertia and centrifugal wrench (MODEL section 4).
+    """
+
+    NONE = "none"
+    STATIC = "static"
+    DYNAMIC = "dynamic"
+
+
+class PayloadSource(Enum):
+    """Which payload the model counts on."""
+
+    NOMINAL = "nominal"
+    ESTIMATED = "estimated"
+
+
+class PayloadStatus(Enum):
+    """Where the payload of a set-point comes from.
+
+    - NOMINAL: from the settings, as asked for.
+    - ESTIMATED: from the newest estimate.
+    - HELD: from the last estimate, which is older than the limit.
+    - AWAITED: from the settings, because no estimate has arrived yet.
+    """
+
+    NOMINAL = "nominal"
+    ESTIMATED = "estimated"
+    HELD = "held"
+    AWAITED = "awaited"
+
+
+@dataclass(frozen=True)
+class FeedforwardSettings:
+    """What may change while the robot moves.
+
+    Attributes
+    ----------
+    model, payload_source
+        See `FeedforwardModel` and `PayloadSource`.
+    nominal_payload
+        Payload assumed without an estimate.
+    max_payload
+        Largest mass that is believed, kg.
+    payload_timeout
+        Age from which an estimate counts as stale, s.
+    switch_slew
+        Fastest change of each motor's torque that a switch of model, payload or tension method causes, N m/s.
+    tension_method
+        How the wrench is distributed over the cables, see `cspr_kinematics.distribute_tensions`; one of
+        `cspr_kinematics.bounded_methods`.
+    """
+
+    model: FeedforwardModel = FeedforwardModel.DYNAMIC
+    payload_source: PayloadSource = PayloadSource.ESTIMATED
+    nominal_payload: Payload = field(default_factory=Payload.none)
+    max_payload: float = 300.0
+    payload_timeout: float = 0.5
+    switch_slew: float = 2.0
+    tension_method: Method = "closest"
+
+    def __post_init__(self) -> None:
+        for name in ("max_payload", "payload_timeout", "switch_slew"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise SettingError(f"{name} is {value}; it must be finite and more than zero")
+        if self.nominal_payload.mass > self.max_payload:
+            raise PayloadError(
+                f"the nominal payload of {self.nominal_payload.mass} kg exceeds max_payload, "
+                f"{self.max_payload} kg"
+            )
+
+
+def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_payload: float) -> Payload:
+    """Build a payload that the robot can carry.
+
+    Parameters
+    ----------
+    what
+        Name of the payload in the error's message.
+    mass
+        kg.
+    center_of_mass
+        (3,) in platform, m.
+    max_payload
+        Largest mass, kg.
+
+    Raises
+    ------
+    PayloadError
+        If a number is not finite, the mass is negative or exceeds the largest one, or the centre of mass is
+        further off than `LARGEST_OFFSET`.
+    """
+    center = np.asarray(center_of_mass, dtype=float)
+    if not math.isfinite(mass):
+        raise PayloadError(f"{what}: the mass is {mass} kg; it must be finite")
+    if mass < 0.0:
+        raise PayloadError(f"{what}: the mass is {mass} kg; it must not be negative")
+    if mass > max_payload:
+        raise PayloadError(f"{what}: the mass is {mass} kg; it must not exceed max_payload, {max_payload} kg")
+    if center.shape != (3,) or not np.isfinite(center).all():
+        raise PayloadError(f"{what}: the centre of mass is {center.tolist()}; it must be 3 finite numbers")
+    if np.abs(center).max() > LARGEST_OFFSET:
+        raise PayloadError(
+            f"{what}: the centre of mass is {center.tolist()} m; no coordinate may exceed {LARGEST_OFFSET:g} m"
+        )
+    return Payload(mass, center)
+
+
+@dataclass(frozen=True, eq=False)
+class Setpoint:
+    """What all m motors should do at the time of the reference.
+
+    Attributes
+    ----------
+    position, velocity
+        Motor angles (m,), rad, and speeds (m,), rad/s.
+    effort
+        Feed-forward torque (m,), N m, the bridging of a switch included.
+    tensions
+        Cable tensions (m,) behind the torque, N; zero without a model.
+    wrench_matrix, wrench
+        What the tensions are to give: A (6, m), and w (6,) of the model, N and N m.
+    feasible
+        Whether tensions within the robot's limits give the wrench exactly. If not, ``tensions`` is the
+        closest solution within them.
+    wrench_residual
+        Norm of the wrench that ``tensions`` fail to give; N and N m count alike, as at a lever of 1 m.
+    payload, payload_status
+        The payload counted on, and where it comes from.
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    effort: NDArray[np.float64]
+    tensions: NDArray[np.float64]
+    wrench_matrix: NDArray[np.float64]
+    wrench: NDArray[np.float64]
+    feasible: bool
+    wrench_residual: float
+    payload: Payload
+    payload_status: PayloadStatus
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a set-point is from what the cables cannot do, N; negative beyond it.
+
+    Attributes
+    ----------
+    tension
+        Distance of the tensions to the nearest limit of theirs. Tensions of least norm lie on a limit now and then
+        while others have room.
+    wrench
+        Shortest additional wrench that no tensions within the limits give; moments count as forces at 1 m. -inf
+        at a singular pose.
+    """
+
+    tension: float
+    wrench: float
+
+    @classmethod
+    def of(cls, setpoint: Setpoint, robot: Robot) -> Margins:
+        """Compute the margins of a set-point: 0.2 ms for 8 cables, 2 ms for 16, too long for every cycle."""
+        below, above = setpoint.tensions - robot.tension_min, robot.tension_max - setpoint.tensions
+        try:
+            reach = available_wrenches(setpoint.wrench_matrix, robot.tension_min, robot.tension_max)
+            wrench = float(reach.margin(setpoint.wrench))
+        except SingularWrenchMatrixError:
+            wrench = -math.inf
+        return cls(float(min(below.min(), above.min())), wrench)
+
+
+class Feedforward:
+    """Inverse kinematics and inverse dynamics along the reference.
+
+    A change of model or of the payload's source would step the torque. The step is bridged: the difference to
+    the torque before the change is added to the new one and decays at ``switch_slew``. A change of the tension
+    method passes through mixtures of both methods, which give the same wrench (`TensionBlend`), as quickly.
+
+    Parameters
+    ----------
+    robot
+        The robot as the controller believes it to be.
+    settings
+        The rest.
+    """
+
+    def __init__(self, robot: Robot, settings: FeedforwardSettings) -> None:
+        self._robot = robot
+        self._settings = settings
+        self._blend = TensionBlend(settings.tension_method, slew=settings.switch_slew / robot.winch.ratio)
+        self._estimate: Payload | None = None
+        self._estimate_time = -math.inf
+        self._status: PayloadStatus | None = None  # of the newest set-point
+        self._bridge_pending = False
+        self._offset = np.zeros(robot.number_of_cables)
+        self._effort: NDArray[np.float64] | None = None  # of the newest set-point
+        self._time = -math.inf  # of the newest set-point
+
+    @property
+    def settings(self) -> FeedforwardSettings:
+        """Settings in use."""
+        return self._settings
+
+    def configure(self, settings: FeedforwardSettings) -> None:
+        """Use other settings from the next set-point on.
+
+        Raises
+        ------
+        cspr_kinematics.InvalidInputError
+            If there is no such tension method.
+        """
+        self._blend.select(settings.tension_method)
+        self._blend.slew = settings.switch_slew / self._robot.winch.ratio
+        self._bridge_pending |= _load_model(settings) != _load_model(self._settings)
+        self._settings = settings
+
+    def set_estimate(self, time: float, mass: float, center_of_mass: ArrayLike) -> None:
+        """Take over an estimated payload.
+
+        Parameters
+        ----------
+        time
+            Monotonic time of its arrival, s.
+        mass, center_of_mass
+            kg, and (3,) in platform, m.
+
+        Raises
+        ------
+        PayloadError
+            If the robot cannot carry it; the previous estimate stays.
+        """
+        self._estimate = checked_payload(
+            "estimated payload", mass, center_of_mass, self._settings.max_payload
+        )
+        self._estimate_time = time
+
+    def payload_in_use(self, time: float) -> tuple[Payload, PayloadStatus]:
+        """Payload that a set-point at monotonic ``time`` (s) counts on, and where it comes from."""
+        if self._settings.payload_source is PayloadSource.NOMINAL:
+            return self._settings.nominal_payload, PayloadStatus.NOMINAL
+        if self._estimate is None:
+            return self._settings.nominal_payload, PayloadStatus.AWAITED
+        stale = time - self._estimate_time > self._settings.payload_timeout
+        return self._estimate, PayloadStatus.HELD if stale else PayloadStatus.ESTIMATED
+
+    def compute(self, time: float, reference: ReferencePoint) -> Setpoint:
+        """Set-point of all motors for one reference.
+
+        Parameters
+        ----------
+        time
+            Monotonic time, s, not before the last call's.
+        reference
+            A single point, not a batch.
+        """
+        robot, model = self._robot, self._settings.model
+        payload, status = self.payload_in_use(time)
+        moving = model is FeedforwardModel.DYNAMIC
+        asked = feedforward_tensions(
+            robot,
+            reference.pose,
+            reference.twist if moving else _AT_REST,
+            reference.acceleration if moving else _UNACCELERATED,
+            payload,
+        )
+        twist = np.concatenate((reference.twist.linear, reference.twist.angular))
+        length_rates = -(twist @ asked.wrench_matrix)
+        modelled = model is not FeedforwardModel.NONE
+        if modelled:
+            tensions, feasible, residual = self._distributed(time, asked)
+        else:
+            tensions, feasible, residual = np.zeros(robot.number_of_cables), True, 0.0
+        winch = robot.winch
+        return Setpoint(
+            winch.motor_angle(asked.lengths),
+            winch.motor_speed(length_rates),
+            self._bridged(time, winch.motor_torque(tensions), status),
+            tensions,
+            asked.wrench_matrix,
+            asked.wrench,
+            feasible,
+            residual,
+            payload,
+            status,
+        )
+
+    def _distributed(
+        self, time: float, asked: FeedforwardTensions
+    ) -> tuple[NDArray[np.float64], bool, float]:
+        """Tensions by the method of the settings, whether they are feasible, and their wrench error."""
+        blend = self._blend
+        if blend.settled and blend.method == "closest":
+            return asked.tensions, bool(asked.feasible), float(asked.residual)
+        robot = self._robot
+        since = 0.0 if self._effort is None else time - self._time
+        found = blend.distribute(
+            asked.wrench_matrix, asked.wrench, robot.tension_min, robot.tension_max, since
+        )
+        return found.tensions, bool(found.feasible), float(found.residual)
+
+    def _bridged(
+        self, time: float, effort: NDArray[np.float64], status: PayloadStatus
+    ) -> NDArray[np.float64]:
+        # An estimate that arrives for the first time, or again after a gap, is a switch too.
+        arrived = status is PayloadStatus.ESTIMATED and self._status in (
+            PayloadStatus.HELD,
+            PayloadStatus.AWAITED,
+        )
+        if self._effort is None:
+            self._offset = np.zeros_like(effort)
+        elif self._bridge_pending or arrived:
+            self._offset = self._effort - effort
+        else:
+            step = self._settings.switch_slew * (time - self._time)
+            self._offset = self._offset - np.clip(self._offset, -step, step)
+        self._bridge_pending = False
+        self._status, self._time = status, time
+        self._effort = effort + self._offset
+        return self._effort
+
+
+def _load_model(settings: FeedforwardSettings) -> tuple[object, ...]:
+    """Return what the torque follows from, besides the tension method."""
+    payload = settings.nominal_payload
+    return settings.model, settings.payload_source, payload.mass, *payload.center_of_mass.tolist()

@@ -1,0 +1,114 @@
+"""What a recorded run was worth: numbers, figures and one page to look at, from one bag or from several."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from cspr_control.analysis.numbers.tables import format_runs
+from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, find_bag
+from cspr_control.analysis.results import default_directory, write_results
+from cspr_control.analysis.run_analysis import analyse_bags
+from cspr_control.errors import ControlError
+
+DESCRIPTION = """\
+Analyse recorded runs: how well the motors followed, what the cables carried, what the mass estimate was worth.
+
+BAG is a bag (a directory, or one of its .mcap files) or the directory of a run of the demo. Several bags of one robot
+are compared side by side. No ROS graph is needed or touched. Numbers count while a trajectory is followed; without one
+all of the recording counts. Writes into the output directory:
+
+  report.html      everything in one page that works from the file: tables, figures to zoom into, the robot in motion
+  metrics.json     the numbers
+  figures/         the paper's figures 7 to 12 and others, each as PNG and SVG"""
+EPILOG = """\
+examples:
+  analyze runs/latest                                  the newest run of the demo
+  analyze runs/A runs/B --label "kp 2" --label "kp 4"  two runs side by side
+  analyze BAG --robot config/robot.yaml                a bag that no configuration was attached to
+
+exit status: 0 done, 1 a bag cannot be analysed or nothing could be written, 2 wrong arguments, 130 interrupted"""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Analyse the bags; returns the exit status."""
+    options = _parse(sys.argv[1:] if args is None else args)
+    try:
+        _run(options)
+    except KeyboardInterrupt:
+        print("analyze: interrupted; what had been written stays", file=sys.stderr)
+        return 130
+    except ControlError as error:
+        print(f"analyze: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"analyze: cannot write {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    _show_progress(f"reading {len(options.bags)} bag{'s' if len(options.bags) > 1 else ''}")
+    runs = analyse_bags(
+        options.bags, options.label or (), options.robot, options.config or CONFIGURATION_DIRECTORY
+    )
+    _show_progress("")
+    for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
+        print(f"note: {remark}", file=sys.stderr)
+    print(format_runs(runs))
+    directory = options.output or default_directory([find_bag(bag) for bag in options.bags])
+    results = write_results(
+        runs,
+        directory,
+        figures=not options.no_figures,
+        progress=lambda name: _show_progress(f"writing {name}"),
+    )
+    _show_progress("")
+    print(f"\nmetrics  {results.metrics}")
+    if results.figures:
+        print(f"figures  {directory / 'figures'} ({len(results.figures)}, each as PNG and SVG)")
+    print(f"report   {results.report}")
+
+
+def _show_progress(text: str) -> None:
+    """Show one live line on a terminal, nothing elsewhere; an empty text removes it."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="analyze",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("bags", nargs="+", type=Path, metavar="BAG", help="what to analyse")
+    add(
+        "--output", type=Path, metavar="DIR",
+        help="where results are written; default: analysis/ beside the bag, comparison/ beside the first of several",
+    )  # fmt: skip
+    add(
+        "--label", action="append", metavar="NAME",
+        help="name of a run, once for each bag in their order; default: the controller that was recorded",
+    )  # fmt: skip
+    add("--robot", type=Path, metavar="FILE", help="the robot; default: the one attached to the bag")
+    add(
+        "--config", type=Path, metavar="DIR",
+        help="configuration on disk, to say where the recorded one differs; default: config",
+    )  # fmt: skip
+    add("--no-figures", action="store_true", help="no pictures: they take most of the time")
+    options = parser.parse_args(arguments)
+    if options.label and len(options.label) != len(options.bags):
+        parser.error(
+            f"{len(options.label)} labels for {len(options.bags)} bags: give --label once for each bag"
+        )
+    return options
+
+
+if __name__ == "__main__":
+    sys.exit(main())

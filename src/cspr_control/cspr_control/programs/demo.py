@@ -1,0 +1,354 @@
+"""The whole robot on one machine: the node graph on simulated drives and load cells, recorded and judged."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+
+from cspr_control.analysis.numbers.recorded_run import summarise_run
+from cspr_control.analysis.numbers.run_summary import RunSummary, format_comparison, format_summary
+from cspr_control.analysis.numbers.tables import format_runs
+from cspr_control.analysis.recording import read_recording
+from cspr_control.analysis.results import FIGURES, default_directory, write_results
+from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
+from cspr_control.demo.child_processes import ChildProcesses
+from cspr_control.demo.ros_domain import claim_domain
+from cspr_control.demo.scenario import (
+    CONTROLLERS,
+    TRAJECTORIES,
+    AddedPayload,
+    Scenario,
+    ros_arguments,
+    ros_parameter,
+)
+from cspr_control.errors import ControlError
+from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+
+COMPARED = [("pd", False), ("static", False), ("pdff", False), ("pdff-mass", False), ("pdff", True)]
+PACKAGES = {
+    "simulated_robot": "cspr_drivers.nodes.simulated_robot",
+    "control": "cspr_control.nodes.control",
+    "recorder": "cspr_msgs_py.nodes.recorder",
+    "robot_markers": "cspr_control.nodes.robot_markers",
+}
+DESCRIPTION = """\
+Run the complete node graph on a simulated robot, record it, and say how well it did.
+
+Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
+moves to the start of the trajectory, follows it with a payload that the controller has not been told of, takes up
+another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
+bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""
+EPILOG = """\
+examples:
+  demo                                         the feed-forward with the estimated mass, 100 kg aboard, +100 kg at 3 s
+  demo --controller static --payload 200 --add-payload none
+  demo --controller pdff --exact-mass          the yardstick: the controller always knows the true mass
+  demo --compare                               all controllers one after the other, in one table
+  demo --trajectory smooth-19 --realtime       at rest at both ends; with real-time priority"""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the demo; returns the exit status."""
+    options = _parse(sys.argv[1:] if args is None else args)
+    if options.realtime and (problem := _realtime_problem()):
+        print(f"demo: {problem}", file=sys.stderr)
+        return 2
+    summaries: list[RunSummary] = []
+    _stop_on_signals()
+    try:
+        # On loopback, in a domain of its own: no robot in the same network hears a word of this.
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        with claim_domain():
+            _run_chosen(options, summaries)
+    except KeyboardInterrupt:
+        print(
+            "demo: interrupted; brakes are closed, every process has ended, the bag is readable",
+            file=sys.stderr,
+        )
+        return 130
+    except (ControlError, OSError) as error:
+        if len(summaries) > 1:
+            print(format_comparison(summaries))
+        print(f"demo: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run_chosen(options: argparse.Namespace, summaries: list[RunSummary]) -> None:
+    """Run what the options ask for, one after the other; each run adds its summary, whatever becomes of the next."""
+    chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
+    analyses: list[RunAnalysis] = []
+    for controller, exact_mass in chosen:
+        scenario = Scenario(
+            controller,
+            exact_mass,
+            options.trajectory,
+            options.payload,
+            options.add_payload,
+            options.realtime,
+            options.speed,
+        )
+        directory = _new_run_directory(Path(options.runs))
+        summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
+        summaries.append(summary)
+        analyses.append(analysis)
+        if not options.compare:
+            print(f"\n{format_runs([analysis])}")
+        print(f"\n{format_summary(summary)}")
+        if options.speed < 1.0:
+            print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
+        print(f"  recorded in           {directory}", flush=True)
+        _report([analysis], figures=not options.compare)
+    if options.compare:
+        print(format_runs(analyses), format_comparison(summaries), sep="\n\n")
+        _report(analyses)
+
+
+def _stop_on_signals() -> None:
+    """Let Ctrl-C, SIGTERM and the end of the terminal interrupt the demo, once.
+
+    Whatever is pressed while it closes the brakes and ends its processes must not keep it from that.
+    """
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # not under nohup
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
+        signal.signal(number, interrupt)
+
+
+def _parse(arguments: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="demo",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    controllers = parser.add_mutually_exclusive_group()
+    controllers.add_argument(
+        "--controller", choices=CONTROLLERS, default="pdff-mass", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times"
+    )
+    parser.add_argument(
+        "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
+        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
+    )  # fmt: skip
+    parser.add_argument(
+        "--payload",
+        type=_mass,
+        default=100.0,
+        metavar="KG",
+        help="aboard from the start; default: %(default)s",
+    )
+    parser.add_argument(
+        "--add-payload", type=_added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
+        help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3, or none; "
+        "default: 100@3",
+    )  # fmt: skip
+    controllers.add_argument(
+        "--compare", action="store_true", help="run all controllers and compare them in one table"
+    )
+    parser.add_argument(
+        "--realtime", action="store_true", help="SCHED_FIFO for control and drivers (needs the privilege)"
+    )
+    parser.add_argument(
+        "--speed", type=_speed, default=1.0, metavar="FACTOR",
+        help="pace of the simulated machine, 0.1 to 1, for a computer that is too slow for it; default: %(default)s",
+    )  # fmt: skip
+    parser.add_argument(
+        "--markers",
+        action="store_true",
+        help="also publish /robot_markers, for RViz and Foxglove (config/views)",
+    )
+    parser.add_argument(
+        "--config", default="config", metavar="DIR", help="configuration; default: %(default)s"
+    )
+    parser.add_argument(
+        "--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s"
+    )
+    options = parser.parse_args(arguments)
+    if options.exact_mass and CONTROLLERS[options.controller][0] == "none":
+        parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
+    if options.exact_mass and options.compare:
+        parser.error("--exact-mass has no meaning for --compare, which runs pdff with the exact mass as well")
+    added = options.add_payload
+    if added is not None and options.payload + added.mass < 0.0:
+        parser.error(f"--add-payload takes {-added.mass:g} kg away from --payload {options.payload:g}")
+    if not Path(options.config, "robot.yaml").is_file():
+        parser.error(
+            f"{options.config}/robot.yaml is not there: start from the repository's root or name --config DIR"
+        )
+    return options
+
+
+def _mass(text: str) -> float:
+    try:
+        mass = float(text)
+    except ValueError:
+        mass = math.nan
+    if not (math.isfinite(mass) and mass >= 0.0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a mass in kg of at least 0")
+    return mass
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not 0.1 <= speed <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0.1 to 1")
+    return speed
+
+
+def _added_payload(text: str) -> AddedPayload | None:
+    if text == "none":
+        return None
+    mass, separator, moment = text.partition("@")
+    try:
+        change = AddedPayload(float(mass), float(moment))
+    except ValueError:
+        separator = ""
+    if not separator or not math.isfinite(change.mass) or not 0.0 <= change.time < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form KG@S, such as 100@3, or none")
+    return change
+
+
+def _realtime_problem() -> str | None:
+    """Why this user may not use real-time priorities, or None."""
+    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        return (
+            "--realtime needs the privilege CAP_SYS_NICE or a real-time limit: add the line '@realtime - rtprio 80' to "
+            "/etc/security/limits.d/realtime.conf, join the group realtime and log in again, or run without --realtime"
+        )
+    os.sched_setscheduler(0, policy, parameter)
+    return None
+
+
+def _cpus() -> tuple[int, int, int]:
+    """CPUs for control, the simulated robot and the recorder: one each as far as there are any."""
+    allowed = sorted(os.sched_getaffinity(0))
+    return allowed[0], allowed[1 % len(allowed)], allowed[2] if len(allowed) > 2 else allowed[0]
+
+
+def _new_run_directory(runs: Path) -> Path:
+    """Make runs/<UTC time>/ and let runs/latest point there."""
+    stamp = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
+    directory = runs / stamp
+    number = 2
+    while directory.exists():
+        directory = runs / f"{stamp}-{number}"
+        number += 1
+    directory.mkdir(parents=True)
+    link = runs / f".latest-{os.getpid()}"
+    link.unlink(missing_ok=True)
+    link.symlink_to(directory.name)
+    link.replace(runs / "latest")
+    return directory
+
+
+def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tuple[RunSummary, RunAnalysis]:
+    config = directory / "config"
+    scenario.copy_configuration(source, config)
+    control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
+    attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
+    recording = [
+        "--ros-args",
+        *ros_parameter("output", str(directory / "bag")),
+        *ros_parameter("attach", attached),
+    ]
+    recording += recorder_cpu
+    controlling = ros_arguments(config) + scenario.control_arguments() + control_cpu
+    simulating = ros_arguments(config) + scenario.robot_arguments() + robot_cpu
+
+    with ChildProcesses(directory / "log") as children, demo_client() as client:
+        progress = Progress(scenario.title, client)
+        run = Operator(client, children, progress, scenario.speed)
+        try:
+            children.start("recorder", PACKAGES["recorder"], recording)
+            children.start("simulated_robot", PACKAGES["simulated_robot"], simulating)
+            children.start("control", PACKAGES["control"], controlling)
+            if markers:
+                children.start(
+                    "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
+                )
+            run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
+            run.enable(30.0)
+            run.pause("measuring the load", 2.0)
+            run.call("/trajectory_publisher/start", 10.0)
+            run.wait(
+                "moving to the start", lambda: client.trajectory_times is not None, 5.0, client.phase_text
+            )
+            assert client.trajectory_times is not None  # the line above waited for it
+            start, end = client.trajectory_times
+            if scenario.added is not None:
+                client.set_payload(
+                    scenario.payload + scenario.added.mass, start + round(scenario.added.time * 1e9)
+                )
+            run.wait("moving to the start", lambda: client.phase == "running", 30.0, client.phase_text)
+            run.wait(
+                "running", lambda: client.phase == "finished", (end - start) * 1e-9 + 10.0, client.phase_text
+            )
+            run.pause("settling", 1.5)
+            driver = run.stop()
+        except (KeyboardInterrupt, ControlError):
+            run.make_safe()
+            raise
+        finally:
+            progress.end()
+    recorded = read_recording(directory / "bag", configuration_directory=config)
+    summary = summarise_run(
+        recorded,
+        controller=scenario.controller,
+        exact_mass=scenario.exact_mass,
+        trajectory=scenario.trajectory,
+        driver=driver,
+    )
+    with open(directory / "summary.json", "w", encoding="utf-8") as file:
+        json.dump(summary.as_mapping(), file, indent=2)
+        file.write("\n")
+    return summary, analyse_recording(replace(recorded, outcome=summary.as_mapping()), summary.name)
+
+
+def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
+    """Write figures and report beside the bag, and say where; a run without them is a good run all the same."""
+    directory = default_directory([run.recording.path for run in runs])
+    try:
+        results = write_results(runs, directory, figures=figures)
+    except (ControlError, OSError) as problem:
+        print(f"  report                none: {problem}\n")
+    else:
+        if results.figures:
+            print(
+                f"  figures               {_shown(directory / FIGURES)} ({len(results.figures)}, each as PNG and SVG)"
+            )
+        print(f"  report                {_shown(results.report)}\n")
+
+
+def _shown(path: Path) -> Path:
+    """Return a path as it is shown: from here on, if it lies here."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,298 @@
+"""The payload estimator and the feed-forward once more over a recorded bag, with other parameters; without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import json
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, TextIO
+
+import yaml
+
+from cspr_control.errors import ControlError, SettingError
+from cspr_control.estimation.payload import UPDATE_PERIOD
+from cspr_control.parameters.tables import (
+    FEEDFORWARD,
+    MASS_ESTIMATOR,
+    estimator_settings,
+    feedforward_settings,
+    known_parameter,
+    parameter_values,
+)
+from cspr_control.rerun.bag import write_rerun
+from cspr_control.rerun.comparison import (
+    Comparison,
+    PayloadComparison,
+    SetpointComparison,
+    compare_payloads,
+    compare_setpoints,
+    format_comparison,
+)
+from cspr_control.rerun.recording import Configuration, Recording, schedule
+from cspr_control.rerun.rerun import (
+    EstimatedPayloads,
+    Progress,
+    Setpoints,
+    rerun_estimator,
+    rerun_feedforward,
+    update_times,
+)
+from cspr_kinematics import KinematicsError, Payload
+from cspr_kinematics.warm_up import warm_up
+from cspr_msgs_py import topics
+from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias
+from cspr_msgs_py.errors import MessagesError
+
+NODES = {"mass_estimator": MASS_ESTIMATOR, "feedforward": FEEDFORWARD}
+
+DESCRIPTION = """\
+Run the payload estimator and the feed-forward once more over a recorded bag, sample by sample, with the parameters
+of the recording or with others, and compare what comes out with what was recorded. No ROS graph is needed or touched.
+
+The configuration is the one inside the bag. The inputs (/cable_tensions, /platform_pose, /reference) come at the
+times at which they were received. The feed-forward counts on the estimates of the re-run. What the robot would have
+done with the other torques is not simulated: the recorded motion stays.
+
+Writes DIR/bag (/payload and /setpoint, MCAP) and DIR/comparison.json. The same bag gives the same bytes."""
+EPILOG = """\
+examples:
+  rerun runs/latest/bag                                            how closely the recording is reproduced
+  rerun runs/latest/bag --set mass_estimator.time_constant=0.2     a quicker filter
+  rerun runs/latest/bag --set feedforward.model=static --set feedforward.payload_source=nominal
+  rerun runs/latest/bag --nodes feedforward                        with the estimates as they were recorded
+  rerun runs/latest/bag --payload /simulation/payload              with the true mass, as in: demo --exact-mass
+
+exit status: 0 done, 1 nothing could be re-run or written, 2 wrong arguments, 130 interrupted"""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the re-run; returns the exit status."""
+    parser = _parser()
+    options = parser.parse_args(args)
+    try:
+        changes = _changes(options.set, options.nodes)
+    except ControlError as error:
+        parser.error(str(error))
+    try:
+        _run(options, changes)
+    except KeyboardInterrupt:
+        print("\nrerun: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    except (ControlError, KinematicsError, MessagesError, OSError) as error:
+        print(f"rerun: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> None:
+    source = Path(options.bag)
+    output = _output(options.output, source)
+    with _warnings_in_one_line(), Bag(source) as bag:
+        given = Configuration.from_directory(Path(options.config)) if options.config else None
+        recording = Recording(bag, given)
+        if given is None:
+            _mention_differing_files(recording.configuration)
+        warm_up(recording.robot)
+        payloads, payload_comparison, recorded_values = None, None, {}
+        if "mass_estimator" in options.nodes:
+            payloads, payload_comparison, values = _estimate(recording, changes["mass_estimator"])
+            recorded_values["mass_estimator"] = values
+        setpoints, setpoint_comparison = None, None
+        if "feedforward" in options.nodes:
+            setpoints, setpoint_comparison, values = _answer(
+                recording, changes["feedforward"], payloads, options.payload
+            )
+            recorded_values["feedforward"] = values
+    parameters = {
+        f"{node}.{name}": {"recorded": recorded_values[node][name], "rerun": value}
+        for node, values in changes.items()
+        for name, value in values.items()
+    }
+    comparison = Comparison(parameters, payload_comparison, setpoint_comparison)
+    information = {
+        "software": f"cspr_control {importlib.metadata.version('cspr_control')}",
+        "rerun_of": source.resolve().name,
+        "nodes": " ".join(sorted(options.nodes)),
+        "payload": options.payload or "",
+        **{name: json.dumps(values["rerun"]) for name, values in sorted(parameters.items())},
+    }
+    write_rerun(output / "bag", payloads, setpoints, information, recording.configuration.files)
+    (output / "comparison.json").write_text(
+        json.dumps(comparison.as_mapping(), indent=2) + "\n", encoding="utf-8"
+    )
+    print(f"re-run of {source}")
+    print(format_comparison(comparison))
+    print(f"  written to   {output}")
+
+
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Say what is missing from a bag as everything else is said."""
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        print(f"rerun: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", BagWarning)
+        warnings.showwarning = show
+        yield
+
+
+def _estimate(
+    recording: Recording, given: dict[str, Any]
+) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
+    settings, values = schedule(recording, "mass_estimator", MASS_ESTIMATOR, estimator_settings, given)
+    tensions, poses = recording.tensions(), recording.poses()
+    recorded, initial, first = None, None, 0
+    published: Sequence[int] = []
+    if recording.holds(topics.PAYLOAD):
+        recorded = recording.payloads()
+        published = recording.publish_times(topics.PAYLOAD)
+    updates = update_times(tensions, poses, recorded, published)
+    if recorded is not None:
+        # a recorder that is new in the graph meets one topic after the other, the inputs perhaps last
+        inputs = max(tensions.log_time_ns[0], poses.log_time_ns[0])
+        first = next((index for index, time in enumerate(updates) if time >= inputs), len(updates) - 1)
+        initial = Payload(float(recorded.mass[first]), recorded.center_of_mass[first])
+    payloads = rerun_estimator(
+        recording.robot, settings, tensions, poses, updates, initial, first, _progress("mass_estimator")
+    )
+    if len(payloads.mass) == 0:
+        raise ControlError("nothing to re-run: the recording holds no valid measurement of the payload")
+    truth_topic = topics.SIMULATED_PAYLOAD
+    truth = recording.payloads(truth_topic.name) if recording.holds(truth_topic) else None
+    return payloads, compare_payloads(payloads, recorded, truth, tensions), values
+
+
+def _answer(
+    recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
+) -> tuple[Setpoints, SetpointComparison, dict[str, Any]]:
+    build = partial(feedforward_settings, recording.robot.number_of_cables)
+    settings, values = schedule(recording, "feedforward", FEEDFORWARD, build, given)
+    references = recording.references()
+    payloads: Any = rerun
+    if topic is not None:
+        payloads = recording.payloads(topic)
+    elif rerun is None and recording.holds(topics.PAYLOAD):
+        payloads = recording.payloads()
+    initial = None if payloads is None else _known_before(recording, payloads)
+    setpoints = rerun_feedforward(
+        recording.robot, settings, references, payloads, initial, _progress("feedforward")
+    )
+    recorded = recording.setpoints() if recording.holds(topics.SETPOINT) else None
+    return setpoints, compare_setpoints(setpoints, recorded), values
+
+
+def _known_before(recording: Recording, payloads: Inertias | EstimatedPayloads) -> Payload | None:
+    """Return the first payload if it must have been told before the recording began.
+
+    An estimator that begins leaves zero at a limited rate; a first estimate beyond that is not its first one.
+    """
+    parameters = recording.configuration.parameters.of("mass_estimator")
+    rate_limit = parameter_values(MASS_ESTIMATOR, parameters)["mass_rate_limit"]
+    if payloads.mass[0] <= 2.0 * rate_limit * UPDATE_PERIOD:
+        return None
+    return Payload(float(payloads.mass[0]), payloads.center_of_mass[0])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="rerun",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("bag", metavar="BAG", help="directory of a bag, or an .mcap file")
+    add(
+        "--set", action="append", default=[], metavar="NODE.PARAMETER=VALUE",
+        help="a parameter of mass_estimator or feedforward; may be given several times",
+    )  # fmt: skip
+    add(
+        "--nodes", nargs="+", choices=NODES, default=list(NODES), metavar="NODE",
+        help="which to re-run: mass_estimator, feedforward; default: both",
+    )  # fmt: skip
+    add(
+        "--payload", metavar="TOPIC",
+        help="recorded topic on whose payload the feed-forward counts; default: the re-run estimates",
+    )  # fmt: skip
+    add("--config", metavar="DIR", help="configuration to use instead of the one in the bag")
+    add("--output", metavar="DIR", help="must not exist yet; default: rerun, rerun-2 ... beside the bag")
+    return parser
+
+
+def _changes(arguments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the given parameters by node; raises SettingError for what cannot be one."""
+    changes: dict[str, dict[str, Any]] = {node: {} for node in nodes}
+    for argument in arguments:
+        name, separator, text = argument.partition("=")
+        node, dot, parameter = name.partition(".")
+        if not separator or not dot:
+            raise SettingError(
+                f"--set {argument}: NODE.PARAMETER=VALUE is needed, as in mass_estimator.time_constant=0.2"
+            )
+        if node not in NODES:
+            raise SettingError(f"--set {argument}: {node!r} is not a node that is re-run: {', '.join(NODES)}")
+        if node not in changes:
+            raise SettingError(
+                f"--set {argument}: {node} is not among the nodes to re-run: {', '.join(nodes)}"
+            )
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            value = text
+        try:
+            changes[node][parameter] = known_parameter(node, NODES[node], parameter).checked(value)
+        except SettingError as error:
+            raise SettingError(f"--set {argument}: {error}") from error
+    return changes
+
+
+def _output(given: str | None, source: Path) -> Path:
+    """Return the directory to write, which is not there yet."""
+    if given is not None:
+        if Path(given).exists():
+            raise ControlError(f"{given} exists already and is not overwritten: name another --output")
+        return Path(given)
+    parent = source.parent if source.name else source.resolve().parent
+    output, number = parent / "rerun", 2
+    while output.exists():
+        output, number = parent / f"rerun-{number}", number + 1
+    return output
+
+
+def _mention_differing_files(configuration: Configuration) -> None:
+    for name, data in sorted(configuration.files.items()):
+        path = Path("config", name)
+        if path.is_file() and path.read_bytes() != data:
+            print(
+                f"rerun: {path} differs from the {name} in the bag, which is used; --config {path.parent} would use "
+                "the files here",
+                file=sys.stderr,
+            )
+
+
+def _progress(name: str) -> Progress:
+    def show(share: float) -> None:
+        if sys.stderr.isatty():
+            end = "\r\x1b[K" if share >= 1.0 else ""
+            print(f"\r{name}: {share:4.0%}", end=end, file=sys.stderr, flush=True)
+
+    return show
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Trajectories, and the player that turns them into references."""

@@ -1,0 +1,113 @@
+"""The trajectories that can be asked for by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.errors import TrajectoryError
+from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, paper_19_tilt
+from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.smooth import SmoothTrajectory
+from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace
+from cspr_kinematics import Pose, Robot
+
+
+class TrajectoryName(Enum):
+    """Names of the trajectories."""
+
+    HOLD = "hold"
+    MOVE = "move"
+    PAPER_18 = "paper-18"
+    PAPER_19 = "paper-19"
+    PAPER_19_TILT = "paper-19-tilt"
+    SMOOTH_18 = "smooth-18"
+    SMOOTH_19 = "smooth-19"
+    SMOOTH_19_TILT = "smooth-19-tilt"
+
+    @staticmethod
+    def parse(text: str) -> TrajectoryName:
+        """Trajectory of that name.
+
+        Raises
+        ------
+        TrajectoryError
+            If there is none.
+        """
+        try:
+            return TrajectoryName(text)
+        except ValueError:
+            known = ", ".join(name.value for name in TrajectoryName)
+            raise TrajectoryError(f"there is no trajectory {text!r}; known are {known}") from None
+
+
+@dataclass(frozen=True)
+class TrajectoryOptions:
+    """What the trajectories need besides their name.
+
+    Attributes
+    ----------
+    limits
+        Limits of `PointToPoint` motions.
+    goal
+        Where ``move`` leads.
+    blend_time
+        Time from rest to full pace of the smooth trajectories, s.
+    hold_duration
+        How long ``hold`` lasts, s.
+    """
+
+    limits: MotionLimits
+    goal: Pose
+    blend_time: float = 1.0
+    hold_duration: float = 10.0
+
+
+_PRINTED: dict[TrajectoryName, Callable[[NDArray[np.float64]], PaperTrajectory]] = {
+    TrajectoryName.PAPER_18: paper_18,
+    TrajectoryName.PAPER_19: paper_19,
+    TrajectoryName.PAPER_19_TILT: paper_19_tilt,
+}
+_SMOOTH = {
+    TrajectoryName.SMOOTH_18: TrajectoryName.PAPER_18,
+    TrajectoryName.SMOOTH_19: TrajectoryName.PAPER_19,
+    TrajectoryName.SMOOTH_19_TILT: TrajectoryName.PAPER_19_TILT,
+}
+
+
+def make_trajectory(
+    name: TrajectoryName, robot: Robot, present: Pose, options: TrajectoryOptions
+) -> Trajectory:
+    """Build a trajectory and check that it stays inside the robot's workspace.
+
+    Parameters
+    ----------
+    name
+        Which one.
+    robot
+        Gives the centre of the paper's trajectories and the workspace.
+    present
+        Pose at which ``hold`` stays and from which ``move`` starts.
+    options
+        The rest.
+
+    Raises
+    ------
+    TrajectoryError
+        If the options do not fit, or the trajectory leaves the workspace.
+    """
+    trajectory: Trajectory
+    if name is TrajectoryName.HOLD:
+        return Hold(present, options.hold_duration)
+    if name is TrajectoryName.MOVE:
+        trajectory = PointToPoint(present, options.goal, options.limits)
+    elif name in _SMOOTH:
+        trajectory = SmoothTrajectory(_PRINTED[_SMOOTH[name]](robot.trajectory_center), options.blend_time)
+    else:
+        trajectory = _PRINTED[name](robot.trajectory_center)
+    require_inside_workspace(trajectory, robot)
+    return trajectory

@@ -1,0 +1,133 @@
+"""The test trajectories of the paper, eqs. 18 and 19, as printed.
+
+Both start at full speed and change velocity at the switch between their two parts, where the acceleration is
+not defined: the value of the first part holds at the switch itself. The orientation is level; the tilted
+variant of eq. 19 turns by 5 degrees about x and y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.euler_motion import euler_motion
+from cspr_control.reference.quintic import quintic
+from cspr_control.reference.reference_point import ReferencePoint
+
+TILT = math.radians(5.0)
+"""Rotation about x and about y of the tilted variant, rad."""
+
+_MILLIMETRE = 1e-3
+_Point = tuple[float, float, float]
+
+
+def equation_18(t: float) -> tuple[_Point, _Point, _Point]:
+    """Position (mm), velocity (mm/s) and acceleration (mm/s^2) of eq. 18 at time t (s), about the centre."""
+    if t <= 10.0:
+        return (
+            (20.0 * (5.0 - t) ** 2, 60.0 * (5.0 - t), 20.0 * t),
+            (-40.0 * (5.0 - t), -60.0, 20.0),
+            (40.0, 0.0, 0.0),
+        )
+    return (
+        (500.0 - 10.0 * (t - 10.0), -300.0 + 20.0 * (t - 10.0), 200.0 - 10.0 * (t - 10.0)),
+        (-10.0, 20.0, -10.0),
+        (0.0, 0.0, 0.0),
+    )
+
+
+def equation_19(t: float) -> tuple[_Point, _Point, _Point]:
+    """Position (mm), velocity (mm/s) and acceleration (mm/s^2) of eq. 19 at time t (s), about the centre."""
+    if t <= 5.0:
+        return (
+            (80.0 * (2.5 - t) ** 2, 120.0 * (2.5 - t), 40.0 * t),
+            (-160.0 * (2.5 - t), -120.0, 40.0),
+            (160.0, 0.0, 0.0),
+        )
+    return (
+        (500.0 - 20.0 * (t - 5.0), -300.0 + 40.0 * (t - 5.0), 200.0 - 20.0 * (t - 5.0)),
+        (-20.0, 40.0, -20.0),
+        (0.0, 0.0, 0.0),
+    )
+
+
+class PaperTrajectory:
+    """Eq. 18 or eq. 19 about a centre, level or tilted.
+
+    How the tilt runs in time is not in the paper. Here beta (about y) and gamma (about x) of eq. 4 rise
+    together from zero to ``tilt`` along a quintic over the first part and fall back along the same quintic
+    over the second. The tilt is therefore full at the switch, where the angular velocity and acceleration are
+    zero, and both are continuous everywhere.
+
+    Parameters
+    ----------
+    name
+        Name under which the trajectory is reported.
+    equation
+        `equation_18` or `equation_19`.
+    switch_time, duration
+        Time of the switch and of the end, s.
+    center
+        Point (3,) in base that the equations' coordinates refer to, m.
+    tilt
+        Largest rotation about x and about y, rad.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        equation: Callable[[float], tuple[_Point, _Point, _Point]],
+        switch_time: float,
+        duration: float,
+        center: NDArray[np.float64],
+        tilt: float = 0.0,
+    ) -> None:
+        self.name = name
+        self.switch_time = switch_time
+        self.duration = duration
+        self._equation = equation
+        self._center = np.array(center, dtype=float)
+        self._tilt = tilt
+
+    def sample(self, time: float) -> ReferencePoint:
+        """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
+        time = min(max(time, 0.0), self.duration)
+        position, velocity, acceleration = (np.array(row) * _MILLIMETRE for row in self._equation(time))
+        angle, rate, angular_acceleration = self._tilt_at(time)
+        motion = euler_motion(
+            self._center + position,
+            velocity,
+            acceleration,
+            (0.0, angle, angle),
+            (0.0, rate, rate),
+            (0.0, angular_acceleration, angular_acceleration),
+        )
+        return ReferencePoint(*motion)
+
+    def _tilt_at(self, time: float) -> tuple[float, float, float]:
+        if time <= self.switch_time:
+            length = self.switch_time
+            value, first, second = quintic(time / length)
+        else:
+            length = self.duration - self.switch_time
+            value, first, second = quintic((time - self.switch_time) / length)
+            value, first, second = 1.0 - value, -first, -second
+        return self._tilt * value, self._tilt * first / length, self._tilt * second / length**2
+
+
+def paper_18(center: NDArray[np.float64]) -> PaperTrajectory:
+    """Eq. 18: 20 s, level."""
+    return PaperTrajectory("paper-18", equation_18, 10.0, 20.0, center)
+
+
+def paper_19(center: NDArray[np.float64]) -> PaperTrajectory:
+    """Eq. 19: the distance of eq. 18 in half the time, level."""
+    return PaperTrajectory("paper-19", equation_19, 5.0, 10.0, center)
+
+
+def paper_19_tilt(center: NDArray[np.float64]) -> PaperTrajectory:
+    """Eq. 19 with 5 degrees about x and y."""
+    return PaperTrajectory("paper-19-tilt", equation_19, 5.0, 10.0, center, TILT)

@@ -1,0 +1,196 @@
+"""Playing trajectories one after the other without a jump of the reference."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from cspr_control.errors import TrajectoryError
+from cspr_control.reference.path_time import slowing_to_rest
+from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_control.reference.trajectory import Trajectory
+from cspr_kinematics import Pose
+
+SECOND = 1_000_000_000
+"""Nanoseconds."""
+
+
+class TrajectoryPhase(Enum):
+    """What the player is doing.
+
+    - IDLE: no pose is known, there is no reference.
+    - HOLD: the reference stays at one pose.
+    - APPROACH: on the way from the held pose to the start of a trajectory, or waiting there for its start
+    time.
+    - RUNNING: along the trajectory.
+    - STOPPING: slowing down along the path.
+    - FINISHED: the reference stays at the end of the trajectory.
+    """
+
+    IDLE = "idle"
+    HOLD = "hold"
+    APPROACH = "approach"
+    RUNNING = "running"
+    STOPPING = "stopping"
+    FINISHED = "finished"
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the reference does not move."""
+        return self in (TrajectoryPhase.IDLE, TrajectoryPhase.HOLD, TrajectoryPhase.FINISHED)
+
+
+class TrajectoryPlayer:
+    """Reference over time: hold, approach, trajectory, hold.
+
+    Time is ROS time in ns; `start` and `stop` take effect at the time of the newest sample, so that the
+    reference goes on from exactly where it was.
+
+    Parameters
+    ----------
+    limits
+        Limits of the approach.
+    dwell
+        Rest at the start of the trajectory before it begins, s.
+    stop_time
+        Time from the path's own pace to rest when stopped, s.
+    max_gap
+        Longest time between two samples, s. After a longer one the reference stays where it was and the
+        trajectory is over: the motors heard nothing for that time and could only jump after it.
+
+    Attributes
+    ----------
+    phase
+        What the player is doing.
+    trajectory_name
+        The trajectory last started, empty before the first.
+    start_time, end_time
+        When it begins, and when it ends unless it is stopped, ROS time, ns; 0 before the first.
+    interruption
+        Why the trajectory last started was given up by itself; empty if it was not.
+    """
+
+    def __init__(
+        self, limits: MotionLimits, dwell: float = 1.0, stop_time: float = 0.5, max_gap: float = 0.1
+    ) -> None:
+        if not (dwell >= 0.0 and stop_time > 0.0):
+            raise TrajectoryError(
+                f"dwell is {dwell} s and stop_time {stop_time} s; the first must not be negative, the second "
+                "must be more than zero"
+            )
+        self.limits = limits
+        self.dwell = dwell
+        self.stop_time = stop_time
+        self.max_gap = max_gap
+        self.phase = TrajectoryPhase.IDLE
+        self.trajectory_name = ""
+        self.start_time = 0
+        self.end_time = 0
+        self.interruption = ""
+        self._time = 0  # of the newest sample
+        self._pose: Pose | None = None  # of the newest sample
+        self._held: Pose | None = None
+        self._followed: Trajectory | None = None  # the approach or the trajectory, while it moves
+        self._followed_since = 0
+        self._next: Trajectory | None = None  # the trajectory, while it is approached
+        self._stop_since = 0
+        self._stop_from = 0.0  # path time, s
+
+    @property
+    def held_pose(self) -> Pose | None:
+        """Where the reference rests; while it moves, where it last rested or will come to rest."""
+        return self._held
+
+    def hold(self, pose: Pose) -> None:
+        """Hold a pose from now on, whatever was going on: for a robot that is not enabled."""
+        self._held = pose
+        self._followed = None
+        self._next = None
+        self.phase = TrajectoryPhase.HOLD
+
+    def start(self, trajectory: Trajectory) -> None:
+        """Approach the start of a trajectory, rest there for the dwell, then run it.
+
+        Raises
+        ------
+        TrajectoryError
+            If no pose is held yet, or another trajectory is under way.
+        """
+        if self._held is None or self._pose is None:
+            raise TrajectoryError("no pose of the platform is known yet")
+        if not self.phase.at_rest:
+            raise TrajectoryError(f"{self.trajectory_name} is under way ({self.phase.value}); stop it first")
+        begin = trajectory.sample(0.0).pose
+        approach = PointToPoint(self._held, begin, self.limits, "approach")
+        self._followed, self._followed_since, self._next = approach, self._time, trajectory
+        self._held = begin
+        self.trajectory_name = trajectory.name
+        self.interruption = ""
+        self.start_time = self._time + round((approach.duration + self.dwell) * SECOND)
+        self.end_time = self.start_time + round(trajectory.duration * SECOND)
+        self.phase = TrajectoryPhase.APPROACH
+
+    def stop(self) -> None:
+        """Slow down along the path to rest; without effect on a reference at rest."""
+        if self.phase not in (TrajectoryPhase.APPROACH, TrajectoryPhase.RUNNING):
+            return
+        self._stop_since = self._time
+        self._stop_from = self._elapsed(self._time)
+        self._next = None
+        self.phase = TrajectoryPhase.STOPPING
+
+    def sample(self, time: int) -> ReferencePoint | None:
+        """Return the reference at ``time`` (ROS time, ns); None while no pose is known.
+
+        A time a little before the last one counts as that; a longer step back is a clock that was set, and
+        ends a motion like a gap.
+        """
+        if abs(time - self._time) > self.max_gap * SECOND:
+            if self._followed is not None and self._pose is not None:
+                self.interruption = _gap_text((time - self._time) / SECOND, self.max_gap)
+                self.hold(self._pose)
+        else:
+            time = max(time, self._time)
+        self._time = time
+        if self._held is None:
+            return None
+        reference = self._advance(self._held, time)
+        self._pose = reference.pose
+        return reference
+
+    def _advance(self, held: Pose, time: int) -> ReferencePoint:
+        if self.phase is TrajectoryPhase.APPROACH and time >= self.start_time:
+            self._followed, self._followed_since, self._next = self._next, self.start_time, None
+            self.phase = TrajectoryPhase.RUNNING
+        if self._followed is None:
+            return ReferencePoint.at_rest(held)
+        if self.phase is TrajectoryPhase.STOPPING:
+            return self._sample_stopping(self._followed, time)
+        elapsed = self._elapsed(time)
+        if elapsed < self._followed.duration:
+            return self._followed.sample(elapsed)
+        if self.phase is TrajectoryPhase.RUNNING:
+            return self._rest(self._followed, self._followed.duration, TrajectoryPhase.FINISHED)
+        return ReferencePoint.at_rest(held)
+
+    def _elapsed(self, time: int) -> float:
+        return (time - self._followed_since) / SECOND
+
+    def _sample_stopping(self, followed: Trajectory, time: int) -> ReferencePoint:
+        elapsed = (time - self._stop_since) / SECOND
+        path_time = slowing_to_rest(elapsed, self._stop_from, self.stop_time)
+        if elapsed >= self.stop_time or path_time.value >= followed.duration:
+            return self._rest(followed, path_time.value, TrajectoryPhase.HOLD)
+        return followed.sample(path_time.value).scaled_in_time(path_time.rate, path_time.acceleration)
+
+    def _rest(self, followed: Trajectory, path_time: float, phase: TrajectoryPhase) -> ReferencePoint:
+        self._held = followed.sample(path_time).pose
+        self._followed = None
+        self.phase = phase
+        return ReferencePoint.at_rest(self._held)
+
+
+def _gap_text(gap: float, limit: float) -> str:
+    if gap < 0.0:
+        return f"the clock went back by {-gap:.3f} s"
+    return f"no motor states came for {gap:.3f} s, longer than {limit:g} s"

@@ -1,0 +1,82 @@
+"""Straight motion between two poses, from rest to rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cspr_control.errors import TrajectoryError
+from cspr_control.reference.quintic import quintic, quintic_duration
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_kinematics import Acceleration, Pose, Twist
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Limits of a point-to-point motion.
+
+    Attributes
+    ----------
+    speed, acceleration
+        Linear, m/s and m/s^2.
+    angular_speed, angular_acceleration
+        rad/s and rad/s^2.
+    """
+
+    speed: float
+    acceleration: float
+    angular_speed: float
+    angular_acceleration: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise TrajectoryError(f"motion limit {name} is {value}; it must be finite and more than zero")
+
+
+class PointToPoint:
+    """Quintic motion along a straight line and about a fixed axis.
+
+    The position runs along the line between the two, the rotation about the one axis that leads from the
+    first to the second; both follow the same quintic, so that angular velocity and acceleration point along
+    that axis. The duration is the shortest that keeps every limit.
+
+    Parameters
+    ----------
+    start, goal
+        The two poses.
+    limits
+        Speed and acceleration limits.
+    name
+        Name under which the trajectory is reported.
+    """
+
+    def __init__(self, start: Pose, goal: Pose, limits: MotionLimits, name: str = "move") -> None:
+        self.name = name
+        self._start = start
+        self._goal = goal
+        self._line = goal.position - start.position
+        self._turn = Rotation.from_matrix(goal.rotation @ start.rotation.T).as_rotvec()  # base axes, rad
+        self.duration = max(
+            quintic_duration(float(np.linalg.norm(self._line)), limits.speed, limits.acceleration),
+            quintic_duration(
+                float(np.linalg.norm(self._turn)), limits.angular_speed, limits.angular_acceleration
+            ),
+        )
+
+    def sample(self, time: float) -> ReferencePoint:
+        """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
+        time = max(time, 0.0)
+        if time >= self.duration:
+            return ReferencePoint.at_rest(self._goal)
+        value, first, second = quintic(time / self.duration)
+        rate, acceleration = first / self.duration, second / self.duration**2
+        rotation = Rotation.from_rotvec(value * self._turn).as_matrix() @ self._start.rotation
+        return ReferencePoint(
+            Pose(self._start.position + value * self._line, rotation),
+            Twist(rate * self._line, rate * self._turn),
+            Acceleration(acceleration * self._line, acceleration * self._turn),
+        )

@@ -1,0 +1,76 @@
+"""What a trajectory is, and the simplest one."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from cspr_control.errors import TrajectoryError
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_kinematics import Pose, Robot
+
+WORKSPACE_CHECK_POINTS = 41
+"""Number of points, equally spaced in time, at which a trajectory is compared with the workspace."""
+
+
+class Trajectory(Protocol):
+    """A motion of the platform over a finite time."""
+
+    @property
+    def name(self) -> str:
+        """Name under which the trajectory is reported."""
+
+    @property
+    def duration(self) -> float:
+        """Length in time, s."""
+
+    def sample(self, time: float) -> ReferencePoint:
+        """Return the reference at ``time`` since the start, s; outside [0, duration] at the nearer end."""
+
+
+class Hold:
+    """Staying at one pose.
+
+    Parameters
+    ----------
+    pose
+        The pose to keep.
+    duration
+        Length in time, s.
+    """
+
+    name = "hold"
+
+    def __init__(self, pose: Pose, duration: float) -> None:
+        if not duration >= 0.0:
+            raise TrajectoryError(f"hold: the duration is {duration} s; it must not be negative")
+        self.duration = duration
+        self._point = ReferencePoint.at_rest(pose)
+
+    def sample(self, time: float) -> ReferencePoint:
+        """Return the pose, at rest, at any time."""
+        return self._point
+
+
+def require_inside_workspace(trajectory: Trajectory, robot: Robot) -> None:
+    """Refuse a trajectory that leaves the robot's workspace.
+
+    Raises
+    ------
+    TrajectoryError
+        If one of `WORKSPACE_CHECK_POINTS` points of the trajectory lies outside the box ``workspace_min`` to
+        ``workspace_max``.
+    """
+    for time in np.linspace(0.0, trajectory.duration, WORKSPACE_CHECK_POINTS):
+        position = trajectory.sample(float(time)).pose.position
+        inside = (position >= robot.workspace_min) & (position <= robot.workspace_max)
+        if not inside.all():
+            raise TrajectoryError(
+                f"{trajectory.name}: at {time:.2f} s the platform would be at {_metres(position)}, outside "
+                f"{robot.name}'s workspace {_metres(robot.workspace_min)} to {_metres(robot.workspace_max)}"
+            )
+
+
+def _metres(position: np.typing.NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{coordinate:.3f}" for coordinate in position) + ") m"

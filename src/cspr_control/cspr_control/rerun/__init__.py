@@ -1,0 +1,1 @@
+"""Payload estimator and feed-forward once more over a recording."""

@@ -1,0 +1,201 @@
+"""A re-run against what was recorded, as numbers and as text."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.analysis.numbers.run_summary import MassTrace, settling_time
+from cspr_control.rerun.rerun import EstimatedPayloads, Setpoints
+from cspr_msgs_py.bag.reader import Inertias, JointStates
+
+_EXACT = 0.0
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Re-run less recorded, over all values of matching messages; zeros if nothing matches."""
+
+    maximum: float
+    rms: float
+
+    @staticmethod
+    def of(values: NDArray[np.float64]) -> Difference:
+        """Return the size of some differences."""
+        if values.size == 0:
+            return Difference(0.0, 0.0)
+        return Difference(float(np.abs(values).max()), float(np.sqrt((values**2).mean())))
+
+
+@dataclass(frozen=True)
+class MassQuality:
+    """An estimate against the truth: time to settle to 2 % after the last change (s; None: never), final error (kg)."""
+
+    settling_time: float | None
+    final_error: float
+
+
+@dataclass(frozen=True)
+class PayloadComparison:
+    """The estimates; counts of messages, kg and m."""
+
+    recorded: int
+    rerun: int
+    matched: int
+    mass: Difference | None
+    center_of_mass: Difference | None
+    recorded_quality: MassQuality | None
+    rerun_quality: MassQuality | None
+
+
+@dataclass(frozen=True)
+class SetpointComparison:
+    """The set-points; counts of messages, rad, rad/s and N m.
+
+    ``identical`` counts messages whose every number is the same, ``identical_after`` is the time after the first
+    message from which all are (s; None: never).
+    """
+
+    recorded: int
+    rerun: int
+    matched: int
+    identical: int
+    identical_after: float | None
+    position: Difference | None
+    velocity: Difference | None
+    effort: Difference | None
+
+
+def compare_payloads(
+    rerun: EstimatedPayloads, recorded: Inertias | None, truth: Inertias | None, tensions: JointStates
+) -> PayloadComparison:
+    """Compare estimates.
+
+    Parameters
+    ----------
+    rerun, recorded
+        Those recorded belong to the updates of the re-run in their order.
+    truth
+        What a simulated robot carried.
+    tensions
+        What was measured: its stamps tell the clock of the machine, which may be slower than the recorder's.
+    """
+    mass = center = None
+    matched = 0
+    if recorded is not None:
+        matched = len(rerun.update)
+        mass = Difference.of(rerun.mass - recorded.mass[rerun.update])
+        center = Difference.of(rerun.center_of_mass - recorded.center_of_mass[rerun.update])
+    return PayloadComparison(
+        0 if recorded is None else len(recorded.mass),
+        len(rerun.mass),
+        matched,
+        mass,
+        center,
+        _quality(recorded, truth, tensions),
+        _quality(rerun, truth, tensions),
+    )
+
+
+def _quality(
+    estimate: Inertias | EstimatedPayloads | None, truth: Inertias | None, tensions: JointStates
+) -> MassQuality | None:
+    if estimate is None or truth is None or len(estimate.mass) == 0:
+        return None
+    # a truth that is told on after the estimates have ended says nothing about them
+    told = truth.log_time_ns <= estimate.log_time_ns[-1]
+    if not told.any():
+        return None
+
+    def on_machine(times: NDArray[np.int64]) -> NDArray[np.int64]:
+        machine: NDArray[np.int64] = np.interp(times, tensions.log_time_ns, tensions.time_ns).astype(np.int64)
+        return machine
+
+    true = MassTrace(on_machine(truth.log_time_ns[told]), truth.mass[told])
+    return MassQuality(
+        settling_time(MassTrace(on_machine(estimate.log_time_ns), estimate.mass), true),
+        float(estimate.mass[-1] - true.mass[-1]),
+    )
+
+
+def compare_setpoints(rerun: Setpoints, recorded: JointStates | None) -> SetpointComparison:
+    """Compare set-points; those of one stamp belong together."""
+    if recorded is None:
+        return SetpointComparison(0, len(rerun.time_ns), 0, 0, None, None, None, None)
+    stamps, ours, theirs = np.intersect1d(rerun.time_ns, recorded.time_ns, return_indices=True)
+    differences = {
+        field: getattr(rerun, field)[ours] - getattr(recorded, field)[theirs]
+        for field in ("position", "velocity", "effort")
+    }
+    different = np.zeros(len(stamps), dtype=bool)
+    for values in differences.values():
+        different |= (values != _EXACT).any(axis=1)
+    last = int(np.flatnonzero(different)[-1]) + 1 if different.any() else 0
+    after = None if last >= len(stamps) else float((stamps[last] - stamps[0]) * 1e-9)
+    return SetpointComparison(
+        len(recorded.time_ns),
+        len(rerun.time_ns),
+        len(stamps),
+        int((~different).sum()),
+        after,
+        **{field: Difference.of(values) for field, values in differences.items()},
+    )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a re-run changed."""
+
+    parameters: dict[str, dict[str, Any]]  # those given otherwise, by node.name: recorded and rerun
+    payload: PayloadComparison | None
+    setpoint: SetpointComparison | None
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the comparison as it is stored in comparison.json."""
+        return asdict(self)
+
+
+def format_comparison(comparison: Comparison) -> str:
+    """Return the comparison as some lines of text."""
+    lines = [
+        f"  {name:<38}{values['rerun']} (recorded with {values['recorded']})"
+        for name, values in comparison.parameters.items()
+    ] or ["  parameters as recorded"]
+    if comparison.payload is not None:
+        lines += _payload_lines(comparison.payload)
+    if comparison.setpoint is not None:
+        lines += _setpoint_lines(comparison.setpoint)
+    return "\n".join(lines)
+
+
+def _payload_lines(payload: PayloadComparison) -> list[str]:
+    lines = [f"  /payload     {payload.rerun} estimates, {payload.recorded} recorded"]
+    if payload.mass is not None and payload.center_of_mass is not None:
+        lines.append(
+            f"    mass       differs by {payload.mass.rms:.3f} kg RMS, {payload.mass.maximum:.3f} kg at most; "
+            f"centre by {payload.center_of_mass.maximum * 1e3:.2f} mm at most"
+        )
+    for name, quality in (("recorded", payload.recorded_quality), ("re-run", payload.rerun_quality)):
+        if quality is not None:
+            settled = "never" if quality.settling_time is None else f"after {quality.settling_time:.2f} s"
+            lines.append(f"    {name:<10} within 2 % {settled}, {quality.final_error:+.2f} kg off at the end")
+    return lines
+
+
+def _setpoint_lines(setpoint: SetpointComparison) -> list[str]:
+    lines = [f"  /setpoint    {setpoint.rerun} set-points, {setpoint.recorded} recorded"]
+    if setpoint.position is None or setpoint.velocity is None or setpoint.effort is None:
+        return lines
+    since = (
+        "" if setpoint.identical_after in (None, 0.0) else f", all from {setpoint.identical_after:.2f} s on"
+    )
+    return [
+        *lines,
+        f"    identical  {setpoint.identical} of {setpoint.matched}{since}",
+        f"    torque     differs by {setpoint.effort.rms:.4f} N m RMS, {setpoint.effort.maximum:.4f} N m at most",
+        f"    angle      differs by {setpoint.position.maximum:.3g} rad at most, "
+        f"speed by {setpoint.velocity.maximum:.3g} rad/s",
+    ]

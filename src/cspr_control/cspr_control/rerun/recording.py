@@ -1,0 +1,239 @@
+"""What a re-run takes from a bag: the inputs, what was recorded of the outputs, and the parameters in use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from cspr_control.errors import ControlError, SettingError
+from cspr_control.parameters.file import ParameterFile
+from cspr_control.parameters.tables import NodeParameter, known_parameter, parameter_values
+from cspr_control.rerun.rerun import Schedule
+from cspr_kinematics import Robot
+from cspr_msgs_py import topics
+from cspr_msgs_py.bag.parameter_events import TOPIC as PARAMETER_EVENTS
+from cspr_msgs_py.bag.parameter_events import ParameterEvent, decode_parameter_event
+from cspr_msgs_py.bag.reader import Bag, Inertias, JointStates, Poses, References
+from cspr_msgs_py.errors import BagError
+
+CONTROL_FILE = "control.yaml"
+ROBOT_FILE = "robot.yaml"
+
+Settings = TypeVar("Settings")
+Columns = TypeVar("Columns")
+
+
+@dataclass(frozen=True, eq=False)
+class Configuration:
+    """Robot and parameters.
+
+    Attributes
+    ----------
+    robot, parameters
+        What the files say.
+    files
+        Content of the two files by their names.
+    """
+
+    robot: Robot
+    parameters: ParameterFile
+    files: dict[str, bytes]
+
+    @staticmethod
+    def from_files(files: Mapping[str, bytes], where: str) -> Configuration:
+        """Read ``control.yaml`` and the robot's file that it names, by their base names.
+
+        Parameters
+        ----------
+        files
+            Contents by name or path.
+        where
+            What they come from, for errors.
+
+        Raises
+        ------
+        ControlError, cspr_kinematics.KinematicsError
+            If one is missing or does not hold what it should.
+        """
+        by_name = {PurePath(name).name: data for name, data in files.items()}
+        control = _file(by_name, CONTROL_FILE, where)
+        parameters = ParameterFile.parse(control, f"{where}: {CONTROL_FILE}")
+        robot_name = PurePath(str(parameters.of("feedforward").get("robot_config", ROBOT_FILE))).name
+        text = _file(by_name, robot_name, where)
+        try:
+            content = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ControlError(
+                f"{where}: {robot_name} is not YAML: {' '.join(str(error).split())}"
+            ) from error
+        robot = Robot.from_mapping(content, f"{where}: {robot_name}")
+        return Configuration(robot, parameters, {CONTROL_FILE: control, robot_name: text})
+
+    @staticmethod
+    def from_directory(directory: Path) -> Configuration:
+        """Read the files of a configuration directory; raises as `from_files` does."""
+        try:
+            files = {path.name: path.read_bytes() for path in sorted(directory.glob("*.yaml"))}
+        except OSError as error:
+            raise ControlError(f"cannot read {directory}: {error.strerror}") from error
+        return Configuration.from_files(files, str(directory))
+
+
+def _file(files: Mapping[str, bytes], name: str, where: str) -> bytes:
+    if name not in files:
+        raise ControlError(
+            f"{where} holds no {name}; name the directory of the configuration that was in use: --config DIR"
+        )
+    return files[name]
+
+
+class Recording:
+    """A bag open for a re-run.
+
+    Parameters
+    ----------
+    bag
+        The bag.
+    configuration
+        Used instead of the files inside the bag.
+
+    Raises
+    ------
+    ControlError, cspr_kinematics.KinematicsError
+        If there is no usable configuration.
+    """
+
+    def __init__(self, bag: Bag, configuration: Configuration | None = None) -> None:
+        self._bag = bag
+        if configuration is None:
+            configuration = Configuration.from_files(bag.attachments, f"bag {bag.path}")
+        self.configuration = configuration
+        self.robot = configuration.robot
+
+    def tensions(self) -> JointStates:
+        """Return measured tensions, cables in the order of the robot; raises ControlError if there are none."""
+        names = topics.cable_names(self.robot.number_of_cables)
+        states = self._read(self._bag.joint_states, topics.CABLE_TENSIONS.name)
+        return _in_order_of(names, states, f"{self._bag.path}: {topics.CABLE_TENSIONS.name}")
+
+    def poses(self) -> Poses:
+        """Return the poses of the platform; raises ControlError if there are none."""
+        return self._read(self._bag.poses, topics.PLATFORM_POSE.name)
+
+    def references(self) -> References:
+        """Return the references of the feed-forward; raises ControlError if there are none."""
+        return self._read(self._bag.references, topics.REFERENCE.name)
+
+    def payloads(self, topic: str = topics.PAYLOAD.name) -> Inertias:
+        """Return the payloads on a topic; raises ControlError if there are none."""
+        return self._read(self._bag.inertias, topic)
+
+    def setpoints(self) -> JointStates:
+        """Return recorded set-points, motors in the order of the robot; raises ControlError if there are none."""
+        names = topics.motor_names(self.robot.number_of_cables)
+        states = self._read(self._bag.joint_states, topics.SETPOINT.name)
+        return _in_order_of(names, states, f"{self._bag.path}: {topics.SETPOINT.name}")
+
+    def holds(self, topic: topics.Topic) -> bool:
+        """Return whether there is a message on the topic."""
+        return self._bag.counts.get(topic.name, 0) > 0
+
+    def publish_times(self, topic: topics.Topic) -> list[int]:
+        """Return when the messages on a topic were published, ns."""
+        return [published for _, published, _ in self._bag.messages(topic.name)]
+
+    def parameter_events(self, node: str) -> list[tuple[int, ParameterEvent]]:
+        """Return receive time (ns) and content of what a node said of its parameters."""
+        if self._bag.counts.get(PARAMETER_EVENTS, 0) == 0:
+            return []
+        try:
+            events = [
+                (time, decode_parameter_event(data)) for time, _, data in self._bag.messages(PARAMETER_EVENTS)
+            ]
+        except ValueError as error:
+            raise ControlError(f"{self._bag.path}: {PARAMETER_EVENTS} cannot be read: {error}") from error
+        return [(time, event) for time, event in events if event.node == node]
+
+    def _read(self, read: Callable[[str], Columns], topic: str) -> Columns:
+        try:
+            return read(topic)
+        except BagError as error:
+            raise ControlError(f"nothing to re-run: {error}") from error
+
+
+def schedule(
+    recording: Recording,
+    node: str,
+    parameters: Sequence[NodeParameter],
+    build: Callable[[Mapping[str, Any]], Settings],
+    given: Mapping[str, Any],
+) -> tuple[Schedule[Settings], dict[str, Any]]:
+    """Return the settings of a node as it ran, with some parameters given otherwise.
+
+    What the node declared and how it was changed while it ran counts, as far as it was recorded; before that the
+    parameter file.
+
+    Parameters
+    ----------
+    recording
+        Where they come from.
+    node, parameters
+        Name of the node, and its parameters.
+    build
+        Makes the settings from the values.
+    given
+        Values that hold from the beginning to the end, whatever was recorded.
+
+    Returns
+    -------
+    The settings over time, and the values at the start without the given ones.
+
+    Raises
+    ------
+    ControlError
+        If a value does not fit its parameter.
+    """
+    for name in given:
+        known_parameter(node, parameters, name)
+    events = recording.parameter_events(node)
+    declared: dict[str, Any] = {}
+    for _, event in events:
+        declared |= event.declared
+    try:
+        recorded = parameter_values(parameters, recording.configuration.parameters.of(node), declared)
+        values = recorded
+        changes = []
+        for time, event in events:
+            changed = {name: value for name, value in event.changed.items() if name in values}
+            if changed:
+                values = parameter_values(parameters, values, changed)
+                changes.append((time, build(parameter_values(parameters, values, given))))
+        first = build(parameter_values(parameters, recorded, given))
+    except ControlError as error:
+        raise SettingError(f"{node}: {error}") from error
+    return Schedule(first, tuple(changes)), recorded
+
+
+def _in_order_of(names: Sequence[str], states: JointStates, where: str) -> JointStates:
+    if sorted(states.names) != sorted(names):
+        raise ControlError(
+            f"{where} names {', '.join(states.names)}; the robot of the configuration has {', '.join(names)}"
+        )
+    order = [states.names.index(name) for name in names]
+
+    def ordered(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return values[:, order] if values.shape[1] else values  # a field that the messages do not carry
+
+    return replace(
+        states,
+        names=tuple(names),
+        position=ordered(states.position),
+        velocity=ordered(states.velocity),
+        effort=ordered(states.effort),
+    )

@@ -1,0 +1,349 @@
+"""What the supervisor watches while the robot is enabled: ages, motors, tensions, load cells and the pose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.errors import SettingError
+from cspr_control.supervision.watch import LastingViolation
+
+
+class MonitoredInput(Enum):
+    """Inputs whose age is watched, by the topic that brings them."""
+
+    MOTOR_STATES = "/motor_states"
+    CABLE_TENSIONS = "/cable_tensions"
+    SETPOINT = "/setpoint"
+    PLATFORM_POSE = "/platform_pose"
+    DRIVE_STATES = "/drive_states"
+
+
+class FaultKind(Enum):
+    """What made the supervisor stop the robot."""
+
+    STALE_TOPIC = "stale topic"
+    FOLLOWING_ERROR = "following error"
+    TENSION_LOW = "cable tension below its limit"
+    TENSION_HIGH = "cable tension above its limit"
+    OVERSPEED = "overspeed"
+    WORKSPACE = "workspace left"
+    LOAD_CELL = "load cell not plausible"
+    RECORDING = "recording failed"
+    DRIVE_FAULT = "drive fault"
+    DRIVE_STATE = "unexpected drive state"
+    TIMEOUT = "no answer in time"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why the robot was stopped.
+
+    Attributes
+    ----------
+    kind, detail
+        What is wrong.
+    controlled
+        Whether the robot can still follow its reference, and so comes to rest along the path before the brakes
+        close. Otherwise the drives are stopped at once.
+    """
+
+    kind: FaultKind
+    detail: str
+    controlled: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.kind.value}: {self.detail}"
+
+
+_CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE)
+"""Inputs that the motors do not need to follow the reference to its rest."""
+
+
+def _default_ages() -> dict[MonitoredInput, float]:
+    return {
+        MonitoredInput.MOTOR_STATES: 0.1,
+        MonitoredInput.CABLE_TENSIONS: 0.1,
+        MonitoredInput.SETPOINT: 0.1,
+        MonitoredInput.PLATFORM_POSE: 0.3,
+        MonitoredInput.DRIVE_STATES: 3.0,
+    }
+
+
+@dataclass(frozen=True)
+class SupervisionLimits:
+    """Limits beyond which the robot is stopped.
+
+    Attributes
+    ----------
+    max_ages
+        Age from which each input counts as stale, s.
+    following_error
+        Largest difference between desired and measured motor angle, rad.
+    following_error_time
+        How long it may be exceeded, s.
+    starting_error
+        Largest difference between desired and measured motor angle with which the robot may be enabled, rad: the motors
+        jump by as much. It is large where the lengths of the cables fit no pose, as after a cable was paid out.
+    tension_min, tension_max
+        Limits of the cable tensions, N.
+    tension_min_time, tension_max_time
+        How long they may be passed, s.
+    motor_speed, motor_speed_time
+        Largest speed of a motor, rad/s, and how long it may be exceeded, s.
+    workspace_min, workspace_max
+        Corners (3,) of the box that the platform must not leave, m in base.
+    workspace_margin
+        How far out of it still counts as in it, m; and how much further out a robot may go that was enabled outside.
+    pay_out
+        Cable paid out by an angle of the motor, m/rad; relates torque and tension.
+    tension_difference, tension_difference_time
+        Largest difference between a load cell and the torque of its motor, N, and how long it may be exceeded, s.
+    stuck_time
+        How long a load cell may show the very same value, s; the noise of a sound one never lets it.
+    enable_timeout, stop_timeout, drive_timeout
+        Longest time for the drives to become enabled, for the trajectory to come to rest and for the drives
+        to become disabled, s.
+    """
+
+    max_ages: dict[MonitoredInput, float] = field(default_factory=_default_ages)
+    following_error: float = 12.0
+    following_error_time: float = 0.05
+    starting_error: float = 2.0
+    tension_min: float = 50.0
+    tension_min_time: float = 0.5
+    tension_max: float = 3000.0
+    tension_max_time: float = 0.1
+    motor_speed: float = 450.0
+    motor_speed_time: float = 0.02
+    workspace_min: tuple[float, float, float] = (-math.inf, -math.inf, -math.inf)
+    workspace_max: tuple[float, float, float] = (math.inf, math.inf, math.inf)
+    workspace_margin: float = 0.05
+    pay_out: float = 0.05 / 30.0
+    tension_difference: float = 250.0
+    tension_difference_time: float = 1.0
+    stuck_time: float = 1.0
+    enable_timeout: float = 5.0
+    stop_timeout: float = 3.0
+    drive_timeout: float = 5.0
+
+    def __post_init__(self) -> None:
+        others = ("max_ages", "workspace_min", "workspace_max")
+        values = {name: value for name, value in vars(self).items() if name not in others}
+        values |= {f"largest age of {source.value}": age for source, age in self.max_ages.items()}
+        for name, value in values.items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise SettingError(f"{name} is {value}; it must be finite and not negative")
+        if self.tension_min >= self.tension_max:
+            raise SettingError(
+                f"tension_min, {self.tension_min} N, must be below tension_max, {self.tension_max} N"
+            )
+
+
+class SupervisionChecks:
+    """Holds the newest inputs and compares them with the limits.
+
+    Times are monotonic times of arrival, s; stamps ROS time, ns.
+
+    Parameters
+    ----------
+    count
+        Number m of motors and cables.
+    limits
+        The limits.
+    """
+
+    def __init__(self, count: int, limits: SupervisionLimits) -> None:
+        self._limits = limits
+        self._arrivals = dict.fromkeys(MonitoredInput, -math.inf)
+        self._angles = np.zeros(count)
+        self._angles_stamp = 0
+        self._speeds = np.zeros(count)
+        self._torques = np.zeros(count)
+        self._position = np.full(3, np.nan)
+        self._outside_when_enabled = np.zeros(3)
+        self._desired = np.zeros(count)
+        self._desired_speed = np.zeros(count)
+        self._desired_stamp = 0
+        self._tensions = np.full(count, np.nan)
+        self._tensions_changed = np.full(count, -math.inf)  # when each last showed another value, s
+        self._following = LastingViolation(count, limits.following_error_time)
+        self._low = LastingViolation(count, limits.tension_min_time)
+        self._high = LastingViolation(count, limits.tension_max_time)
+        self._fast = LastingViolation(count, limits.motor_speed_time)
+        self._implausible = LastingViolation(count, limits.tension_difference_time)
+
+    def clear(self) -> None:
+        """Forget violations under way: the robot is about to be enabled.
+
+        A platform that is outside of its workspace now may move, as long as it goes no further out.
+        """
+        self._outside_when_enabled = np.nan_to_num(self._way_outside())
+        for watch in (self._following, self._low, self._high, self._fast, self._implausible):
+            watch.clear()
+
+    def observe_arrival(self, source: MonitoredInput, time: float) -> None:
+        """Note that an input arrived."""
+        self._arrivals[source] = time
+
+    def observe_motors(
+        self,
+        time: float,
+        stamp: int,
+        angles: NDArray[np.float64],
+        speeds: NDArray[np.float64],
+        torques: NDArray[np.float64],
+    ) -> None:
+        """Take over measured motor angles, rad, speeds, rad/s, and torques, N m. (m,) each."""
+        self.observe_arrival(MonitoredInput.MOTOR_STATES, time)
+        self._angles, self._angles_stamp = angles, stamp
+        self._speeds, self._torques = speeds, torques
+
+    def observe_pose(self, time: float, position: NDArray[np.float64]) -> None:
+        """Take over the position of the platform (3,), m in base."""
+        self.observe_arrival(MonitoredInput.PLATFORM_POSE, time)
+        self._position = position
+
+    def observe_setpoint(
+        self, time: float, stamp: int, angles: NDArray[np.float64], speeds: NDArray[np.float64]
+    ) -> None:
+        """Take over desired motor angles (m,), rad, and speeds (m,), rad/s."""
+        self.observe_arrival(MonitoredInput.SETPOINT, time)
+        self._desired, self._desired_speed, self._desired_stamp = angles, speeds, stamp
+
+    def observe_tensions(self, time: float, tensions: NDArray[np.float64]) -> None:
+        """Take over measured cable tensions (m,), N."""
+        self.observe_arrival(MonitoredInput.CABLE_TENSIONS, time)
+        self._tensions_changed = np.where(tensions != self._tensions, time, self._tensions_changed)
+        self._tensions = tensions
+
+    def age(self, source: MonitoredInput, time: float) -> float:
+        """Return the age of an input, s; infinite before the first."""
+        return time - self._arrivals[source]
+
+    def following_errors(self) -> NDArray[np.float64]:
+        """Desired less measured motor angles (m,), rad, at the time of the measurement."""
+        ahead = (self._angles_stamp - self._desired_stamp) * 1e-9
+        return np.asarray(self._desired + self._desired_speed * ahead - self._angles)
+
+    def stale(self, time: float) -> list[Fault]:
+        """Return the inputs that are too old."""
+        faults = []
+        for source, largest in self._limits.max_ages.items():
+            age = self.age(source, time)
+            if age > largest:
+                seen = f"was last received {age:.3f} s ago" if math.isfinite(age) else "has not been received"
+                detail = f"{source.value} {seen}, limit {largest:g} s"
+                faults.append(Fault(FaultKind.STALE_TOPIC, detail, source in _CONTROLLABLE_WITHOUT))
+        return faults
+
+    def excess(self, time: float, under_torque: bool = True) -> list[Fault]:
+        """Return what has been beyond a limit for longer than allowed.
+
+        Parameters
+        ----------
+        time
+            Monotonic, s.
+        under_torque
+            Whether all brakes are open, so that torques and tensions belong together.
+        """
+        faults = self._excess_of_motors(time) + self._excess_of_cables(time)
+        if under_torque:
+            faults += self._implausible_cells(time)
+        else:
+            self._implausible.clear()
+        outside = self._outside()
+        if outside is not None:
+            faults.append(Fault(FaultKind.WORKSPACE, outside, controlled=True))
+        return faults
+
+    # All comparisons are written so that a number that is not finite counts as beyond the limit.
+
+    def _excess_of_motors(self, time: float) -> list[Fault]:
+        limits, errors, faults = self._limits, self.following_errors(), []
+        motor = self._following.update(time, ~(np.abs(errors) <= limits.following_error))
+        if motor is not None:
+            detail = (
+                f"motor_{motor + 1} is {errors[motor]:.2f} rad behind, limit {limits.following_error:g} rad"
+            )
+            faults.append(Fault(FaultKind.FOLLOWING_ERROR, detail))
+        motor = self._fast.update(time, ~(np.abs(self._speeds) <= limits.motor_speed))
+        if motor is not None:
+            detail = f"motor_{motor + 1} turns at {self._speeds[motor]:.0f} rad/s, limit {limits.motor_speed:g} rad/s"
+            faults.append(Fault(FaultKind.OVERSPEED, detail))
+        return faults
+
+    def _excess_of_cables(self, time: float) -> list[Fault]:
+        limits, tensions, faults = self._limits, self._tensions, []
+        cable = self._high.update(time, ~(tensions <= limits.tension_max))
+        if cable is not None:
+            detail = f"cable_{cable + 1} at {tensions[cable]:.0f} N, limit {limits.tension_max:g} N"
+            faults.append(Fault(FaultKind.TENSION_HIGH, detail))
+        cable = self._low.update(time, ~(tensions >= limits.tension_min))
+        if cable is not None:
+            detail = f"cable_{cable + 1} at {tensions[cable]:.0f} N, limit {limits.tension_min:g} N"
+            faults.append(Fault(FaultKind.TENSION_LOW, detail, controlled=True))
+        return faults
+
+    def _implausible_cells(self, time: float) -> list[Fault]:
+        """Return the load cell that its motor contradicts, and one that is stuck."""
+        limits, tensions = self._limits, self._tensions
+        torque_tensions = -self._torques / limits.pay_out
+        difference = tensions - torque_tensions
+        cable = self._implausible.update(time, ~(np.abs(difference) <= limits.tension_difference))
+        if cable is not None:
+            detail = (
+                f"cable_{cable + 1} shows {tensions[cable]:.0f} N, the torque of its motor is that of "
+                f"{torque_tensions[cable]:.0f} N; difference allowed {limits.tension_difference:g} N"
+            )
+            return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
+        fresh = (
+            self.age(MonitoredInput.CABLE_TENSIONS, time) <= limits.max_ages[MonitoredInput.CABLE_TENSIONS]
+        )
+        still = time - self._tensions_changed
+        cable = int(still.argmax())
+        if fresh and math.isfinite(still[cable]) and still[cable] > limits.stuck_time:
+            detail = f"cable_{cable + 1} has shown exactly {tensions[cable]:g} N for {still[cable]:.1f} s"
+            return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
+        return []
+
+    def _way_outside(self) -> NDArray[np.float64]:
+        """Return how far the platform is out of its workspace along each axis (3,), m; nan before the first pose."""
+        low, high = self._limits.workspace_min, self._limits.workspace_max
+        out = np.maximum(np.array(low) - self._position, self._position - np.array(high))
+        return np.asarray(np.maximum(0.0, out))
+
+    def _outside(self) -> str | None:
+        """Return in words where the platform has left its workspace; None when it has not."""
+        limits = self._limits
+        allowed = self._outside_when_enabled + limits.workspace_margin
+        for axis in np.flatnonzero(self._way_outside() > allowed):
+            low, high = limits.workspace_min[axis], limits.workspace_max[axis]
+            return (
+                f"the platform is at {'xyz'[axis]} = {self._position[axis]:.3f} m, the workspace is from "
+                f"{low:g} to {high:g} m"
+            )
+        return None
+
+    def obstacle(self, time: float) -> str | None:
+        """Return why the robot must not be enabled now; None when nothing speaks against it."""
+        if stale := self.stale(time):
+            return str(stale[0])
+        errors = self.following_errors()
+        worst = int(np.abs(errors).argmax())
+        if not abs(errors[worst]) <= self._limits.starting_error:
+            return (
+                f"motor_{worst + 1} is {errors[worst]:.2f} rad away from its set-point, "
+                f"limit {self._limits.starting_error:g} rad: wind the cables so that all of them are taut"
+            )
+        highest = int(self._tensions.argmax())
+        if not self._tensions[highest] <= self._limits.tension_max:
+            return (
+                f"cable_{highest + 1} carries {self._tensions[highest]:.0f} N, "
+                f"limit {self._limits.tension_max:g} N"
+            )
+        return None

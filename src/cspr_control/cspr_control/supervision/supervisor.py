@@ -1,0 +1,311 @@
+"""The supervisor's state machine: what the operator may do, and what happens when something is wrong.
+
+Pure: it is told what happened and when, and answers with actions for its node to carry out. No path leads
+from a fault, or from disabled, to enabled without the operator's command.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from cspr_control.reference.player import TrajectoryPhase
+from cspr_control.supervision.checks import (
+    Fault,
+    FaultKind,
+    MonitoredInput,
+    SupervisionChecks,
+    SupervisionLimits,
+)
+
+_INSISTENCE = 0.2
+"""Time after which a quick stop that has not worked is asked for again, s."""
+
+
+class RobotState(Enum):
+    """State of the robot as a whole.
+
+    - DISABLED: brakes closed, the reference follows the measured pose.
+    - ENABLING: the drives were told to enable.
+    - ENABLED: the motors follow their set-points.
+    - STOPPING: the trajectory comes to rest, then the brakes close; when a fault asked for it, FAULT follows.
+    - FAULT: the drives were stopped; the cause is latched until the operator resets it.
+    """
+
+    DISABLED = "disabled"
+    ENABLING = "enabling"
+    ENABLED = "enabled"
+    STOPPING = "stopping"
+    FAULT = "fault"
+
+
+class DriverState(Enum):
+    """State of the drives taken together, as the driver reports it."""
+
+    NOT_READY = "not_ready"
+    DISABLED = "disabled"
+    ENABLING = "enabling"
+    ENABLED = "enabled"
+    STOPPING = "stopping"
+    FAULT = "fault"
+
+
+class Action(Enum):
+    """What the supervisor asks of others."""
+
+    ENABLE_DRIVES = "enable the drives"
+    STOP_TRAJECTORY = "stop the trajectory"
+    DISABLE_DRIVES = "disable the drives"
+    QUICK_STOP = "quick stop the drives"
+    RESET_DRIVES = "reset the drives' fault"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Answer to a command of the operator."""
+
+    accepted: bool
+    message: str
+
+
+class Supervisor:
+    """State machine of the robot.
+
+    The node calls `update` regularly, and after each command and observation that matters; it carries out the
+    actions returned, and reports the answers with `answered`. Times are monotonic, s.
+
+    Parameters
+    ----------
+    count
+        Number m of motors and cables.
+    limits
+        Limits beyond which the robot is stopped.
+
+    Attributes
+    ----------
+    state
+        State of the robot.
+    fault
+        What is latched; None outside the state FAULT and the stop that leads to it.
+    remark
+        Why the last enabling came to nothing without a fault; else empty.
+    checks
+        The watched inputs, to be told what arrives.
+    """
+
+    def __init__(self, count: int, limits: SupervisionLimits) -> None:
+        self.state = RobotState.DISABLED
+        self.fault: Fault | None = None
+        self.remark = ""
+        self.checks = SupervisionChecks(count, limits)
+        self._limits = limits
+        self._drives: DriverState | None = None
+        self._drives_cause = ""
+        self._phase = TrajectoryPhase.IDLE
+        self._since = -math.inf  # of the state, or of the step within STOPPING
+        self._trajectory_stopped = False
+        self._disabling = False
+        self._resetting = False
+        self._recording_problem = ""  # news of it, not yet judged
+        self._load_cell_problem = ""
+        self._quick_stop_time = -math.inf
+        self._actions: list[Action] = []
+
+    def enable(self, time: float) -> Decision:
+        """Operator's command to open the brakes and let the motors follow their set-points."""
+        if self.state is not RobotState.DISABLED:
+            latched = f" by {self.fault}; reset it first" if self.fault else ""
+            return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
+        obstacle = self.checks.obstacle(time)
+        if obstacle is None and self._load_cell_problem:
+            obstacle = f"load cells: {self._load_cell_problem}"
+        if obstacle is None and self._drives is not DriverState.DISABLED:
+            known = self._drives.value if self._drives else "unknown"
+            obstacle = f"the drives are in state {known}{self._because()}"
+        if obstacle is None and not self._phase.at_rest:
+            obstacle = f"the trajectory is in phase {self._phase.value}"
+        if obstacle is not None:
+            return Decision(False, f"refused: {obstacle}")
+        self.remark = ""
+        self._recording_problem = ""  # whoever enables without a recording does not want one
+        self.checks.clear()
+        self._enter(RobotState.ENABLING, time)
+        self._actions.append(Action.ENABLE_DRIVES)
+        return Decision(True, "enabling the drives")
+
+    def stop(self, time: float) -> Decision:
+        """Operator's command to come to rest along the path and close the brakes."""
+        if self.state is RobotState.ENABLED:
+            self._stop_along_path(time)
+            return Decision(True, "stopping along the path, then closing the brakes")
+        if self.state is RobotState.ENABLING:
+            self._enter(RobotState.STOPPING, time)
+            self._disable_drives(time)
+            return Decision(True, "closing the brakes")
+        if self.state is RobotState.STOPPING:
+            return Decision(True, "stopping already")
+        return Decision(True, f"nothing to stop: the robot is in state {self.state.value}")
+
+    def reset(self, time: float) -> Decision:
+        """Operator's command to forget the fault; the robot is disabled once the drives have none either."""
+        if self.state is not RobotState.FAULT:
+            return Decision(False, f"refused: no fault is latched, the robot is in state {self.state.value}")
+        if self._drives in (DriverState.ENABLING, DriverState.ENABLED, DriverState.STOPPING):
+            return Decision(False, f"refused: the drives are in state {self._drives.value}, not yet stopped")
+        self._resetting = True
+        self._since = time
+        self._actions.append(Action.RESET_DRIVES)
+        return Decision(True, "resetting the fault; enable the robot anew when its state is disabled")
+
+    def observe_drives(self, time: float, state: DriverState, cause: str = "") -> None:
+        """Take over the state of the drives."""
+        self.checks.observe_arrival(MonitoredInput.DRIVE_STATES, time)
+        self._drives, self._drives_cause = state, cause
+
+    def observe_recording(self, problem: str) -> None:
+        """Take over that the recording has failed, or with an empty text that it goes on."""
+        self._recording_problem = problem
+
+    def observe_load_cells(self, problem: str) -> None:
+        """Take over what is wrong with the load cells, as their driver finds it; empty when all is well."""
+        self._load_cell_problem = problem
+
+    def observe_trajectory(self, phase: TrajectoryPhase) -> None:
+        """Take over what the reference does."""
+        self._phase = phase
+
+    def answered(self, time: float, action: Action, accepted: bool, message: str) -> None:
+        """Take over the answer to an action; one that nobody answers counts as refused."""
+        if action is Action.STOP_TRAJECTORY:
+            # Refused or unheard: rather close the brakes while the reference moves than not at all.
+            self._trajectory_stopped = True
+            if not accepted and self.state is RobotState.STOPPING and not self._disabling:
+                self._disable_drives(time)
+        elif accepted:
+            return
+        elif action is Action.ENABLE_DRIVES and self.state is RobotState.ENABLING:
+            self.remark = f"the drives were not enabled: {message}"
+            self._enter(RobotState.DISABLED, time)
+        elif action is Action.DISABLE_DRIVES and self.state is RobotState.STOPPING:
+            self._fail(time, Fault(FaultKind.DRIVE_STATE, f"the drives refused to disable: {message}"))
+        elif action is Action.RESET_DRIVES and self._resetting:
+            self._resetting = False
+            self.fault = Fault(FaultKind.DRIVE_FAULT, f"the drives were not reset: {message}")
+
+    def update(self, time: float) -> tuple[Action, ...]:
+        """Judge the situation and return what is to be done, in this order."""
+        if self.state is RobotState.FAULT:
+            self._update_fault(time)
+        else:
+            fault = self._find_fault(time)
+            if fault is not None and fault.controlled and self.state is not RobotState.ENABLING:
+                self._stop_for(fault, time)
+            elif fault is not None:
+                self._fail(time, fault)
+            elif self.state is RobotState.ENABLING and self._drives is DriverState.ENABLED:
+                self._enter(RobotState.ENABLED, time)
+            if self.state is RobotState.STOPPING:
+                self._update_stopping(time)
+        actions = tuple(self._actions)
+        self._actions.clear()
+        return actions
+
+    def _find_fault(self, time: float) -> Fault | None:
+        if self._drives is DriverState.FAULT:
+            return Fault(
+                FaultKind.DRIVE_FAULT, self._drives_cause or "reported by the driver without a cause"
+            )
+        if self.state is RobotState.DISABLED:
+            if self._drives is DriverState.ENABLED:
+                return Fault(
+                    FaultKind.DRIVE_STATE, "the drives are enabled although nobody enabled the robot"
+                )
+            return None
+        following = self.state is RobotState.ENABLED or (
+            self.state is RobotState.STOPPING and not self._disabling
+        )
+        faults = self.checks.stale(time) + self.checks.excess(time, following)
+        urgent = next((fault for fault in faults if not fault.controlled), None)
+        urgent = urgent or self._find_drive_fault(time)
+        if urgent is not None:
+            return urgent
+        if self._load_cell_problem:
+            faults.insert(0, Fault(FaultKind.LOAD_CELL, self._load_cell_problem, controlled=True))
+        if self._recording_problem:
+            faults.append(Fault(FaultKind.RECORDING, self._recording_problem, controlled=True))
+        return faults[0] if faults else None
+
+    def _stop_for(self, fault: Fault, time: float) -> None:
+        """Come to rest along the path, close the brakes, and latch the fault."""
+        self._recording_problem = ""
+        self.fault = self.fault or fault
+        if self.state is RobotState.ENABLED:
+            self._stop_along_path(time)
+
+    def _stop_along_path(self, time: float) -> None:
+        self._enter(RobotState.STOPPING, time)
+        self._trajectory_stopped = self._disabling = False
+        self._actions.append(Action.STOP_TRAJECTORY)
+
+    def _find_drive_fault(self, time: float) -> Fault | None:
+        elapsed, limits = time - self._since, self._limits
+        drives = self._drives.value if self._drives else "unknown"
+        if self.state is RobotState.ENABLED and self._drives is not DriverState.ENABLED:
+            return Fault(
+                FaultKind.DRIVE_STATE, f"the drives went to state {drives} by themselves{self._because()}"
+            )
+        if self.state is RobotState.ENABLING and elapsed > limits.enable_timeout:
+            detail = f"the drives are in state {drives} {limits.enable_timeout:g} s after they were enabled"
+            return Fault(FaultKind.TIMEOUT, detail + self._because())
+        if self.state is RobotState.STOPPING and self._disabling and elapsed > limits.drive_timeout:
+            detail = f"the drives are in state {drives} {limits.drive_timeout:g} s after they were disabled"
+            return Fault(FaultKind.TIMEOUT, detail + self._because())
+        return None
+
+    def _update_stopping(self, time: float) -> None:
+        if self._disabling:
+            if self._drives is DriverState.DISABLED:
+                self._enter(RobotState.FAULT if self.fault else RobotState.DISABLED, time)
+            return
+        at_rest = self._trajectory_stopped and self._phase.at_rest
+        if at_rest or time - self._since > self._limits.stop_timeout:
+            self._disable_drives(time)
+
+    def _update_fault(self, time: float) -> None:
+        if self._drives in (DriverState.ENABLING, DriverState.ENABLED):
+            self._resetting = False
+            if time - self._quick_stop_time >= _INSISTENCE:
+                self._quick_stop_time = time
+                self._actions.append(Action.QUICK_STOP)
+        elif self._resetting and self._drives in (DriverState.DISABLED, DriverState.NOT_READY):
+            self.fault = None
+            self._enter(RobotState.DISABLED, time)
+        elif self._resetting and time - self._since > self._limits.drive_timeout:
+            self._resetting = False
+            known = self._drives.value if self._drives else "unknown"
+            self.fault = Fault(
+                FaultKind.DRIVE_FAULT, f"the drives are in state {known} after the reset{self._because()}"
+            )
+
+    def _fail(self, time: float, fault: Fault) -> None:
+        # A stop along the path that fails on the way keeps the cause that it began with, and names the second one too:
+        # on a dead bus the load cells may be missed a moment before the drives are.
+        first = self.fault
+        self.fault = Fault(first.kind, f"{first.detail}; then {fault}") if first else fault
+        self._enter(RobotState.FAULT, time)
+        self._quick_stop_time = time
+        self._actions = [Action.QUICK_STOP, Action.STOP_TRAJECTORY]
+
+    def _disable_drives(self, time: float) -> None:
+        self._disabling = True
+        self._since = time
+        self._actions.append(Action.DISABLE_DRIVES)
+
+    def _enter(self, state: RobotState, time: float) -> None:
+        self.state = state
+        self._since = time
+        self._resetting = False
+
+    def _because(self) -> str:
+        return f" ({self._drives_cause})" if self._drives_cause else ""

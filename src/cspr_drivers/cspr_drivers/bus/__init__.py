@@ -1,0 +1,1 @@
+"""CAN buses: ports, SocketCAN, load."""

@@ -1,0 +1,454 @@
+"""Open CAN buses, shared by all drivers of a process: one python-can bus and one receiving thread each."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import math
+import struct
+import threading
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import ExitStack
+from queue import SimpleQueue
+
+import can
+import canopen
+from can.interfaces.virtual import VirtualBus
+
+from cspr_drivers import clock
+from cspr_drivers.bus.socketcan_bus import GONE, QuickSocketCan, error_frame_text, is_bus_off
+from cspr_drivers.canopen.frame_table import NMT_COB_ID, SYNC_COB_ID, FunctionCode, cob_id
+from cspr_drivers.config.can_config import BusConfig, CanConfig
+from cspr_drivers.errors import BusError, FrameError
+
+FrameHandler = Callable[[bytes | bytearray, float], None]
+SyncHandler = Callable[[float, int], None]
+
+# Both libraries log what they also raise; the errors of this package say it once, in one line.
+for library in ("can", "canopen"):
+    logging.getLogger(library).addHandler(logging.NullHandler())
+
+_OPEN_PROBLEMS = {
+    errno.ENODEV: "there is no such interface; `ip link` lists them",
+    errno.ENETDOWN: "the interface is down; `ip link set {channel} up type can bitrate {bitrate}` starts it",
+    errno.EBUSY: "the interface is in use by another program",
+    errno.EPERM: "this user may not use the interface",
+    errno.EACCES: "this user may not use the interface",
+    errno.EAFNOSUPPORT: "this kernel has no CAN support; `modprobe can_raw` loads it",
+    errno.EPROTONOSUPPORT: "this kernel has no CAN support; `modprobe can_raw` loads it",
+}
+
+
+# The queue of the interface is full (txqueuelen), or the buffer of the socket is.
+_NO_ROOM = (errno.ENOBUFS, errno.EAGAIN)
+_RETRY_INTERVAL = 200e-6  # s; some two frames on a bus of 1 Mbit/s
+# The interface is down, or there is none any more.
+_NO_INTERFACE = (errno.ENETDOWN, *GONE)
+
+
+class CyclicFrame(can.Message):  # type: ignore[misc]  # python-can's classes count as untyped
+    """A data frame with an 11-bit identifier that is sent again and again with other data.
+
+    Parameters
+    ----------
+    cob_id
+        Its COB-ID.
+    data
+        Its data; `assign` replaces it.
+    """
+
+    def __init__(self, cob_id: int, data: bytes = b"") -> None:
+        super().__init__(arbitration_id=cob_id, data=data, is_extended_id=False)
+
+    def assign(self, data: bytes) -> None:
+        """Replace the data."""
+        self.data = data
+        self.dlc = len(data)
+
+
+def copied_frame(frame: can.Message) -> can.Message:
+    """Return a copy of a frame, with data that its sender does not change."""
+    # One by one: a constructor call or a loop over the attributes costs several times as much, for each frame.
+    copy = can.Message.__new__(can.Message)
+    copy.timestamp = frame.timestamp
+    copy.arbitration_id = frame.arbitration_id
+    copy.is_extended_id = frame.is_extended_id
+    copy.is_remote_frame = frame.is_remote_frame
+    copy.is_error_frame = frame.is_error_frame
+    copy.channel = frame.channel
+    copy.dlc = frame.dlc
+    copy.data = bytes(frame.data)
+    copy.is_fd = frame.is_fd
+    copy.is_rx = frame.is_rx
+    copy.bitrate_switch = frame.bitrate_switch
+    copy.error_state_indicator = frame.error_state_indicator
+    return copy
+
+
+class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
+    """python-can's virtual bus with a cheaper queue, or with none, and one cheap copy a frame for all receivers.
+
+    At some 6,000 frames a second in one interpreter, deep copies, the locks of `queue.Queue` and a change of thread
+    for each frame cost more than what is done with the frames.
+
+    Parameters
+    ----------
+    channel
+        Name of the channel; ends with the same name are connected, python-can's own among them.
+    """
+
+    def __init__(self, channel: str) -> None:
+        super().__init__(channel=channel)
+        self.queue: SimpleQueue[can.Message] | _Delivery = self.queue
+        self._replace_queue(SimpleQueue())
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Put a frame on the bus; its receivers must not write into it."""
+        copy = copied_frame(msg)
+        copy.timestamp = clock.time()
+        self.pass_on(copy)
+
+    def pass_on(self, frame: can.Message) -> None:
+        """Give a frame, with the time stamp that it has, to all other ends; nobody writes into it any more."""
+        self._check_if_open()
+        frame.channel = self.channel_id
+        frame.is_rx = True
+        for queue in self.channel:
+            if queue is not self.queue:
+                queue.put(frame)
+
+    def deliver_to(self, handler: Callable[[can.Message], None]) -> None:
+        """Call `handler` with each frame from now on, in the thread of its sender and before `send` returns."""
+        self._replace_queue(_Delivery(handler))
+
+    def _replace_queue(self, replacement: SimpleQueue[can.Message] | _Delivery) -> None:
+        place = next(i for i, queue in enumerate(self.channel) if queue is self.queue)
+        self.queue = self.channel[place] = replacement
+
+
+class _Delivery:
+    """What stands in the place of a receiver's queue and delivers at once."""
+
+    def __init__(self, handler: Callable[[can.Message], None]) -> None:
+        self._handler = handler
+
+    def put(self, message: can.Message, block: bool = True, timeout: float | None = None) -> None:
+        self._handler(message)
+
+
+class CanPort:
+    """One open bus: frames go out by `send`, and come in at the handler of their COB-ID.
+
+    Handlers run in the bus's receiving thread and get the data of the frame and the moment at which it was on
+    the bus, in seconds of `clock.monotonic`. Frames without a handler of this class go to `network`.
+
+    Attributes
+    ----------
+    name
+        Name of the bus in the configuration.
+    network
+        The CANopen network on this bus, for NMT, SDO and EMCY.
+    unknown_frames, malformed_frames, send_errors, send_retries, bus_errors
+        Counts since the bus was opened. Frames of unknown COB-IDs are seen only on interfaces without filters.
+    last_problem
+        The newest of what was counted, in words; empty when nothing was.
+    failure
+        Why the interface takes no frames at all, in words, until one is sent again; empty otherwise.
+    """
+
+    def __init__(self, name: str, bus: can.BusABC, known_cob_ids: Iterable[int] = ()) -> None:
+        self.name = name
+        self.network = canopen.Network(bus)
+        self.network.NOTIFIER_CYCLE = 0.1  # s; the receiving thread looks this often whether it shall end
+        self.unknown_frames = 0
+        self.malformed_frames = 0
+        self.send_errors = 0
+        self.send_retries = 0
+        self.bus_errors = 0
+        self.last_problem = ""
+        self.failure = ""
+        self._bus = bus
+        self._handlers: dict[int, FrameHandler] = {}
+        self._known = frozenset(known_cob_ids)
+        self._closed = threading.Event()
+        self._failure_handlers: list[Callable[[str], None]] = []
+        # Both clocks are read together at each SYNC, see `note_sync`.
+        self._wall_to_monotonic = clock.monotonic() - clock.time()
+        # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
+        self.network.listeners[:] = [_Receiver(self)]
+        self.network.connect()
+        self._forget_failure()
+
+    def subscribe(self, cob_id: int, handler: FrameHandler) -> None:
+        """Let `handler` have the frames of a COB-ID."""
+        self._handlers[cob_id] = handler
+
+    def unsubscribe(self, cob_id: int) -> None:
+        """Let nobody have the frames of a COB-ID any more."""
+        self._handlers.pop(cob_id, None)
+
+    def on_failure(self, handler: Callable[[str], None]) -> None:
+        """Call `handler`, in the receiving thread, with the words for it when the bus carries no frames any more."""
+        self._failure_handlers.append(handler)
+
+    def off_failure(self, handler: Callable[[str], None]) -> None:
+        """Call a handler no more."""
+        self._failure_handlers.remove(handler)
+
+    @property
+    def dropped_frames(self) -> int:
+        """Received frames that the kernel had no room for, since the bus was opened."""
+        return int(getattr(self._bus, "dropped_frames", 0))
+
+    @property
+    def receive_buffer(self) -> int | None:
+        """Size of the kernel's receive buffer, bytes; `None` where there is none."""
+        size = getattr(self._bus, "receive_buffer", None)
+        return None if size is None else int(size)
+
+    def send(self, message: can.Message, deadline: float = -math.inf) -> bool:
+        """Put a frame on the bus; return whether that went well. Failures are counted, not raised.
+
+        Parameters
+        ----------
+        message
+            The frame.
+        deadline
+            Time, s, until which the frame is worth sending: while the interface has no room for it, it is tried again
+            until then.
+        """
+        try:
+            with self.network.send_lock:
+                self._bus.send(message)
+        except can.CanError as error:
+            return self._send_again(message, error, deadline)
+        if self.failure:
+            self.failure = ""
+        return True
+
+    def _send_again(self, message: can.Message, error: can.CanError, deadline: float) -> bool:
+        while getattr(error, "error_code", None) in _NO_ROOM and clock.monotonic() < deadline:
+            self.send_retries += 1
+            clock.sleep(_RETRY_INTERVAL)
+            try:
+                with self.network.send_lock:
+                    self._bus.send(message)
+            except can.CanError as again:
+                error = again
+            else:
+                return True
+        self.send_errors += 1
+        if getattr(error, "error_code", None) in _NO_INTERFACE:
+            self.failure = str(error)
+        self.last_problem = f"sending COB-ID 0x{message.arbitration_id:03X}: {error}"
+        return False
+
+    def note_sync(self, now: float) -> None:
+        """Align wall-clock stamps of received frames with the monotonic clock at `now`."""
+        self._wall_to_monotonic = now - clock.time()
+
+    def close(self) -> None:
+        """Stop receiving and close the bus."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self.network.disconnect()
+
+    def receive(self, message: can.Message) -> None:
+        """Give a received frame to whom it belongs; called by the receiving thread."""
+        identifier = message.arbitration_id
+        if message.is_error_frame:
+            self.bus_errors += 1
+            self.last_problem = error_frame_text(message)
+            if is_bus_off(message):
+                self._failed(self.last_problem)
+            return
+        if message.is_remote_frame:
+            return
+        handler = self._handlers.get(identifier)
+        try:
+            if handler is not None:
+                handler(message.data, self._on_bus(message.timestamp))
+            elif identifier in self.network.subscribers:
+                self.network.notify(identifier, message.data, message.timestamp)
+            elif identifier not in self._known:
+                self.unknown_frames += 1
+                self.last_problem = f"frame of unknown COB-ID 0x{identifier:03X}"
+        except (FrameError, struct.error) as error:  # the latter from canopen, for a frame cut short
+            self.malformed_frames += 1
+            self.last_problem = f"frame of COB-ID 0x{identifier:03X}: {error}"
+
+    def receive_failed(self, error: Exception) -> None:
+        """Count a failure of the receiving thread, which then goes on."""
+        if not self._closed.is_set():
+            self.bus_errors += 1
+            self.last_problem = f"receiving: {error}"
+            self._forget_failure()
+            self._failed(str(error))
+            # An interface that went down fails again at once, for as long as it is down.
+            self._closed.wait(0.1)
+
+    def _failed(self, problem: str) -> None:
+        for handler in self._failure_handlers:
+            handler(problem)
+
+    def _forget_failure(self) -> None:
+        """Keep canopen from refusing to send for ever after one failure; the next frame may come through."""
+        if self.network.notifier is not None:
+            self.network.notifier.exception = None
+
+    def _on_bus(self, timestamp: float) -> float:
+        now = clock.monotonic()
+        then = timestamp + self._wall_to_monotonic
+        # A device without its own stamps, or a wall clock that was set, must not invent ages.
+        return then if now - 1.0 < then < now else now
+
+
+class _Receiver:
+    """What python-can's receiving thread calls for one port."""
+
+    def __init__(self, port: CanPort) -> None:
+        self._port = port
+
+    def __call__(self, message: can.Message) -> None:
+        self._port.receive(message)
+
+    def on_error(self, error: Exception) -> None:
+        self._port.receive_failed(error)
+
+
+class CanPorts:
+    """The open buses of a process, by name.
+
+    The handlers of `on_sync` hear of each SYNC, whether this process sends them or another one does.
+    """
+
+    def __init__(self, ports: Iterable[CanPort]) -> None:
+        self._ports = {port.name: port for port in ports}
+        self._sync_handlers: list[SyncHandler] = []
+        self._sync_locks: list[threading.Lock] = []
+        self._sync = CyclicFrame(SYNC_COB_ID)
+        self._producing = False
+        first = next(iter(self._ports.values()))
+        first.subscribe(SYNC_COB_ID, self._receive_sync)
+
+    def __getitem__(self, name: str) -> CanPort:
+        return self._ports[name]
+
+    def __iter__(self) -> Iterator[CanPort]:
+        return iter(self._ports.values())
+
+    def on_sync(self, handler: SyncHandler, lock: threading.Lock) -> None:
+        """Call `handler` with monotonic time, s, and ROS time, ns, just before each SYNC, with `lock` held.
+
+        All locks are taken before the time is: what a handler would have to wait for must not come between the
+        time stamp of a SYNC and the SYNC, for speeds are differences of positions over these times.
+        """
+        self._sync_handlers.append(handler)
+        self._sync_locks.append(lock)
+
+    def off_sync(self, handler: SyncHandler) -> None:
+        """Call a handler no more."""
+        if handler in self._sync_handlers:
+            place = self._sync_handlers.index(handler)
+            del self._sync_handlers[place], self._sync_locks[place]
+
+    def send_sync(self) -> None:
+        """Put SYNC on every bus."""
+        self._producing = True
+        with ExitStack() as locks:
+            for lock in self._sync_locks:
+                locks.enter_context(lock)
+            now, stamp = clock.monotonic(), clock.time_ns()
+            for handler in self._sync_handlers:
+                handler(now, stamp)
+            for port in self._ports.values():
+                port.note_sync(now)
+                port.send(self._sync)
+
+    def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
+        if self._producing:
+            raise FrameError(f"another device sends SYNC as well ({len(data)} bytes)")
+        stamp = clock.time_ns() - int(1e9 * (clock.monotonic() - now))
+        for handler, lock in zip(self._sync_handlers, self._sync_locks, strict=True):
+            with lock:
+                handler(now, stamp)
+
+    def close(self) -> None:
+        """Close all buses."""
+        for port in self._ports.values():
+            port.close()
+
+
+def open_ports(config: CanConfig) -> CanPorts:
+    """Open all buses of a configuration.
+
+    Raises
+    ------
+    BusError
+        If one cannot be opened; those already open are closed again.
+    """
+    ports: list[CanPort] = []
+    try:
+        for bus in config.buses:
+            known = _known_cob_ids(config, bus.name)
+            ports.append(CanPort(bus.name, open_bus(bus, known), known))
+    except BusError:
+        for port in ports:
+            port.close()
+        raise
+    return CanPorts(ports)
+
+
+def open_bus(config: BusConfig, cob_ids: Collection[int] | None = None) -> can.BusABC:
+    """Open one bus with python-can.
+
+    Parameters
+    ----------
+    config
+        The bus.
+    cob_ids
+        COB-IDs of the frames that are wanted, where the interface has a filter; by default all.
+
+    Raises
+    ------
+    BusError
+        In one line: which bus, and what to do about it.
+    """
+    place = f"CAN bus {config.name} ({config.interface}, channel {config.channel})"
+    if config.interface == "virtual":
+        return QuickVirtualBus(config.channel)
+    try:
+        if config.interface == "socketcan":
+            bus = QuickSocketCan(config.channel, cob_ids)
+        else:
+            bus = can.Bus(channel=config.channel, interface=config.interface, bitrate=config.bitrate)
+    except can.CanInterfaceNotImplementedError:
+        raise BusError(
+            f"{place}: python-can has no interface of this type, or its driver is missing"
+        ) from None
+    except (can.CanError, OSError, ValueError) as error:
+        raise BusError(f"{place}: {_open_problem(error, config)}") from None
+    try:
+        bus.recv(timeout=0.0)  # an interface that is down can be opened, but not read
+    except can.CanError as error:
+        bus.shutdown()
+        raise BusError(f"{place}: {_open_problem(error, config)}") from None
+    return bus
+
+
+def _open_problem(error: Exception, config: BusConfig) -> str:
+    codes = [getattr(error, "errno", None), getattr(error, "error_code", None)]
+    if error.__cause__ is not None:
+        codes.append(getattr(error.__cause__, "errno", None))
+    for code in codes:
+        if code in _OPEN_PROBLEMS:
+            return _OPEN_PROBLEMS[code].format(channel=config.channel, bitrate=config.bitrate)
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _known_cob_ids(config: CanConfig, bus: str) -> set[int]:
+    """Return the COB-IDs that may be seen on a bus, whoever in this or another process handles them."""
+    nodes = [drive.node_id for drive in config.drives if drive.bus == bus]
+    nodes += [cell.node_id for cell in config.load_cells if cell.bus == bus]
+    known = {cob_id(function, node) for function in FunctionCode for node in nodes}
+    return known | {NMT_COB_ID, SYNC_COB_ID, cob_id(FunctionCode.HEARTBEAT, config.master_node_id)}

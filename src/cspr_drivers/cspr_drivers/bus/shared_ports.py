@@ -1,0 +1,44 @@
+"""Open buses that the drivers of one process share: opened for the first of them, closed after the last."""
+
+from __future__ import annotations
+
+from cspr_drivers.bus.can_bus import CanPorts, open_ports
+from cspr_drivers.config.can_config import CanConfig
+
+
+class SharedPorts:
+    """The buses of a configuration, open while somebody uses them.
+
+    Parameters
+    ----------
+    config
+        Buses.
+    ports
+        Buses that are open already and stay open; by default they are opened by the first `acquire`.
+    """
+
+    def __init__(self, config: CanConfig, ports: CanPorts | None = None) -> None:
+        self._config = config
+        self._ports = ports
+        self._closes = ports is None
+        self._users = 0
+
+    def acquire(self) -> CanPorts:
+        """Return the open buses; `release` gives them back.
+
+        Raises
+        ------
+        BusError
+            If one cannot be opened.
+        """
+        if self._ports is None:
+            self._ports = open_ports(self._config)
+        self._users += 1
+        return self._ports
+
+    def release(self) -> None:
+        """Give the buses back."""
+        self._users -= 1
+        if self._users == 0 and self._closes and self._ports is not None:
+            self._ports.close()
+            self._ports = None

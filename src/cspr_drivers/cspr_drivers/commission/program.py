@@ -1,0 +1,211 @@
+"""Executable ``commission``: the walk through a new machine, in a terminal. It needs no ROS graph."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+
+import yaml
+
+from cspr_drivers.bus.can_bus import CanPort, CanPorts, open_bus
+from cspr_drivers.commission.configuration_file import difference, new_text, write
+from cspr_drivers.commission.findings import Findings, FindingsFile
+from cspr_drivers.commission.found_devices import require_no_driver
+from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
+from cspr_drivers.commission.operator import FileOperator, Operator, Questions, WalkStoppedError
+from cspr_drivers.commission.walk import Machine, Walk
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.config_section import ConfigSection
+from cspr_drivers.errors import ConfigurationError, DriverError
+
+DESCRIPTION = """\
+Walk through a new machine, winch by winch and load cell by load cell, and write what is found into can.yaml.
+
+  1 find the nodes on the bus          5 tare
+  2 which drive turns which winch,     6 calibration with dead weights,
+    and which way                        and the brakes
+  3 encoder scale                      7 home pose
+  4 which amplifier is which cable's   8 the difference to the present can.yaml, then the new one
+
+One brake opens at a time, with little torque. Ctrl-C closes it, at any moment. What was found out is kept: the same
+command goes on where it was stopped. The drivers must not run meanwhile."""
+EPILOG = """\
+examples:
+  commission                                   config/can.yaml of this directory
+  commission --torque 0.2                      up to 20 % of the rated torque, for stiff winches
+  commission --answers answers.yaml            without a person: answers by the keys that are shown in a dry terminal
+  commission --restart                         forget what an earlier walk has found"""
+
+
+class Terminal:
+    """A person at a terminal."""
+
+    def tell(self, text: str) -> None:
+        """Show a text."""
+        print(text, flush=True)
+
+    def ask(self, key: str, question: str, default: str) -> str:
+        """Return what is typed in answer to a question."""
+        try:
+            return input(f"{question} ")
+        except EOFError:
+            raise WalkStoppedError(f"no answer to: {question.strip()}") from None
+
+    def refuse(self, key: str, problem: str) -> None:
+        """Say why an answer cannot be used."""
+        print(f"   {problem}", flush=True)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the walk; returns the exit status: 0 done, 1 a problem, 2 wrong arguments, 130 interrupted."""
+    options = _parse(arguments)
+    previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        operator = Terminal() if options.answers is None else _answers(options.answers)
+        return commission(options.config, options.robot, operator, options.torque, options.restart)
+    except KeyboardInterrupt:
+        print(
+            "\ncommission: interrupted; all brakes are closed. The same command goes on from here",
+            file=sys.stderr,
+        )
+        return 130
+    except DriverError as error:
+        print(f"commission: {error}", file=sys.stderr)
+        return 1
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def commission(config: Path, robot: Path, operator: Operator, torque: float, restart: bool = False) -> int:
+    """Walk through the machine and write its configuration; return the exit status.
+
+    Parameters
+    ----------
+    config, robot
+        Files `can.yaml` and `robot.yaml`.
+    operator
+        Who answers.
+    torque
+        Largest torque, in units of the rated torque of the motors.
+    restart
+        Whether findings of an earlier walk are forgotten.
+
+    Raises
+    ------
+    DriverError
+        In one line: what is wrong, and where. What was found until then is kept.
+    """
+    can = CanConfig.from_yaml(config)
+    kept = FindingsFile(config.with_name(config.name + ".commissioning"))
+    if restart:
+        kept.remove()
+    findings = kept.load()
+    questions = Questions(operator)
+    if (findings.winches or findings.cells) and not questions.yes(
+        "resume",
+        f"Go on with {kept.path} ({len(findings.winches)} winches, {len(findings.cells)} load cells)?",
+    ):
+        findings = Findings()
+    ports = _open(can)
+    try:
+        require_no_driver(ports, can.master_node_id, can.timeouts.heartbeat_producer)
+        with MasterHeartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
+            machine = Machine(can, ports, _pay_out(robot), torque)
+            Walk(machine, questions, findings, kept.save).run()
+    finally:
+        ports.close()
+    return _write(config, can, findings, questions, kept)
+
+
+def _write(
+    path: Path, config: CanConfig, findings: Findings, questions: Questions, kept: FindingsFile
+) -> int:
+    old = path.read_text(encoding="utf-8")
+    new = new_text(old, config, findings)
+    questions.tell(f"8. {path}")
+    changes = difference(old, new, path)
+    if not changes:
+        questions.tell("   nothing changes: the machine is what the file says")
+    else:
+        questions.tell(changes)
+        if not questions.yes("write", "   Write it?"):
+            raise WalkStoppedError(f"{path} is as it was; what was found is kept in {kept.path}")
+        questions.tell(f"   written; the old file is {write(path, new)}")
+    kept.remove()
+    return 0
+
+
+def _open(config: CanConfig) -> CanPorts:
+    ports: list[CanPort] = []
+    try:
+        for bus in config.buses:
+            ports.append(CanPort(bus.name, open_bus(bus)))
+    except DriverError:
+        for port in ports:
+            port.close()
+        raise
+    return CanPorts(ports)
+
+
+def _pay_out(robot: Path) -> float:
+    """Return the cable for a radian of the motor, m/rad, of a robot file."""
+    winch = ConfigSection.from_yaml(robot).section("winch")
+    return winch.number("drum_radius", above=0.0) / winch.number("gear_ratio", above=0.0)
+
+
+def _answers(path: Path) -> FileOperator:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigurationError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise ConfigurationError(f"{path}: must be a mapping of keys to answers")
+    return FileOperator({str(key): value for key, value in content.items()}, str(path), print)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    # Once: while the brakes close a second signal must not get in between.
+    for other in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(other, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="commission",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--config", type=Path, default=Path("config/can.yaml"), help="can.yaml (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--robot",
+        type=Path,
+        default=Path("config/robot.yaml"),
+        help="robot.yaml, for its winch (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--torque",
+        type=float,
+        default=0.1,
+        help="largest torque, share of the rated one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--answers", type=Path, help="YAML file with an answer for each key, in place of a person"
+    )
+    parser.add_argument("--restart", action="store_true", help="forget what an earlier walk has found")
+    options = parser.parse_args(arguments)
+    if not 0.01 <= options.torque <= 0.5:
+        parser.error("--torque must be from 0.01 to 0.5")
+    return options
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Configuration of buses, devices and units."""

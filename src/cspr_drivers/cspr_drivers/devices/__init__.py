@@ -1,0 +1,1 @@
+"""What every CANopen device needs: SDO access, set-up, settings."""

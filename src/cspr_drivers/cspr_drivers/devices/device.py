@@ -1,0 +1,296 @@
+"""A device on the bus as the master sees it: its objects by SDO, its NMT state, heartbeat and emergencies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import TypeVar
+
+import can
+import canopen
+
+from cspr_drivers import clock
+from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.canopen.object_entry import Parameter, Setting
+from cspr_drivers.errors import DeviceError, WrongDeviceError
+
+BOOT_UP = 0  # NMT state in the heartbeat of a device that has just started (CiA 301, section 7.2.8.3.3)
+STOPPED = 4
+OPERATIONAL = 5  # and of one that takes part in the exchange of PDOs (section 7.2.8.3.2)
+
+_NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
+
+_ATTEMPTS = (
+    2  # at a request that does no harm when the device has carried it out and only the answer was lost
+)
+
+# Abort codes with which a device says that it does not have an object (CiA 301, section 7.2.4.3.17).
+_ABSENT = (0x0602_0000, 0x0609_0011)
+
+_T = TypeVar("_T")
+
+
+class NmtCommand(Enum):
+    """NMT commands in use; the value is canopen's name of the state they lead to."""
+
+    START = "OPERATIONAL"
+    ENTER_PRE_OPERATIONAL = "PRE-OPERATIONAL"
+
+
+class CanopenDevice:
+    """Master's end of one device.
+
+    Parameters
+    ----------
+    name
+        Name for messages, such as ``motor_3 (node 3 on main)``.
+    port
+        Bus that it is on.
+    node_id
+        Its node id.
+    sdo_timeout
+        Longest wait for an SDO answer, s.
+    on_boot, on_emergency
+        Called in the receiving thread when it restarts, and with error code, error register and the
+        manufacturer's five bytes of each emergency message.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        port: CanPort,
+        node_id: int,
+        sdo_timeout: float,
+        on_boot: Callable[[], None],
+        on_emergency: Callable[[int, int, bytes], None] | None = None,
+    ) -> None:
+        self.name = name
+        self._heartbeat = clock.monotonic()
+        self._started: float | None = None
+        self._nmt_state: int | None = None
+        self._on_boot = on_boot
+        self._sdo_timeout = sdo_timeout
+        # Objects are addressed by index, so the master needs no object dictionary of the device.
+        self._node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())
+        self._network = port.network
+        self._network.add_node(self._node)
+        self._node.sdo.RESPONSE_TIMEOUT = clock.on_computer(sdo_timeout)
+        self._node.nmt.add_heartbeat_callback(self._heard)
+        self._on_emergency = on_emergency
+        self._node.emcy.add_callback(self._emergency)
+
+    def release(self) -> None:
+        """Listen to the device no more."""
+        if self._network.nodes.get(self._node.id) is self._node:
+            del self._network[self._node.id]
+
+    # Objects
+
+    def read(self, parameter: Parameter) -> int:
+        """Return the number in an object; the parameter's value does not matter.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, or refuses.
+        """
+        return parameter.decode(self._transfer(parameter, self._upload, "read", _ATTEMPTS))
+
+    def read_if_present(self, parameter: Parameter) -> int | None:
+        """Return the number in an object, `None` if the device has no such object; else as `read`."""
+        try:
+            return self.read(parameter)
+        except DeviceError as error:
+            if isinstance(error.__cause__, canopen.SdoAbortedError) and error.__cause__.code in _ABSENT:
+                return None
+            raise
+
+    def check(self, expected: Iterable[Parameter]) -> None:
+        """Read objects and compare them.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, lacks an object, or one has another value than expected.
+        """
+        for parameter in expected:
+            self._compare(parameter, DeviceError)
+
+    def identify(self, expected: Iterable[Parameter]) -> None:
+        """Check objects that tell one device from another.
+
+        Raises
+        ------
+        WrongDeviceError
+            If one has another value than expected; the message has both.
+        DeviceError
+            If the device does not answer, or refuses.
+        """
+        for parameter in expected:
+            self._compare(parameter, WrongDeviceError)
+
+    def differing(self, settings: Iterable[Setting]) -> list[Setting]:
+        """Return those settings of which not every object has its value already.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, or refuses.
+        """
+        return [setting for setting in settings if not all(map(self._agrees, setting.result))]
+
+    def write(self, parameter: Parameter) -> None:
+        """Write an object.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, or refuses.
+        """
+        attempts = _ATTEMPTS if parameter.repeatable else 1
+        self._transfer(parameter, self._download, f"= {parameter.value}", attempts)
+
+    def set(self, settings: Iterable[Setting]) -> None:
+        """Write settings in order, and read each back.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not answer, refuses, or does not keep what was written.
+        """
+        for setting in settings:
+            for parameter in setting.writes:
+                self.write(parameter)
+            self.check(setting.result)
+
+    def wait_for(self, expected: Parameter) -> None:
+        """Read an object until it has a value, for as long as an SDO answer may take.
+
+        Raises
+        ------
+        DeviceError
+            As `check`, if it does not come to have it.
+        """
+        deadline = clock.monotonic() + self._sdo_timeout
+        while True:
+            try:
+                self.check((expected,))
+            except DeviceError:
+                if clock.monotonic() > deadline:
+                    raise
+                clock.sleep(0.01)
+            else:
+                return
+
+    # Network management
+
+    def command(self, command: NmtCommand) -> None:
+        """Send an NMT command; it is not confirmed, but the heartbeat shows its effect.
+
+        Raises
+        ------
+        DeviceError
+            If the bus does not take the frame.
+        """
+        self._started = None
+        try:
+            self._node.nmt.state = command.value
+        except can.CanError as error:
+            raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
+        if command is NmtCommand.START:
+            self._started = clock.monotonic()
+
+    def leave_stopped(self) -> None:
+        """Let a device that somebody has stopped answer SDO requests again (CiA 301, section 7.3.2.2.4).
+
+        Raises
+        ------
+        DeviceError
+            As `command`.
+        """
+        if self._nmt_state == STOPPED:
+            self.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+
+    def heartbeat_age(self, now: float) -> float:
+        """Return the time since the last heartbeat, s."""
+        return now - self._heartbeat
+
+    def expect_heartbeat(self, now: float) -> None:
+        """Count the heartbeat's age from `now`: the device has just been told to send it."""
+        self._heartbeat = now
+
+    def not_operational(self, grace: float) -> str:
+        """Return the NMT state of a device that was started and is not operational; empty when all is well.
+
+        Parameters
+        ----------
+        grace
+            Time after the start, s, for which heartbeats may still be older than it.
+        """
+        started, state = self._started, self._nmt_state
+        if started is None or state is None or state == OPERATIONAL or self._heartbeat < started + grace:
+            return ""
+        return nmt_state_text(state)
+
+    @property
+    def nmt_state(self) -> str:
+        """NMT state of the last heartbeat, in words."""
+        return "unknown" if self._nmt_state is None else nmt_state_text(self._nmt_state)
+
+    def _heard(self, state: int) -> None:
+        self._heartbeat = clock.monotonic()
+        self._nmt_state = state
+        if state == BOOT_UP:
+            self._started = None
+            self._on_boot()
+
+    def _emergency(self, emergency: canopen.emcy.EmcyError) -> None:
+        self._node.emcy.reset()  # canopen keeps all of them, for ever
+        if self._on_emergency is not None:
+            self._on_emergency(emergency.code, emergency.register, emergency.data)
+
+    # Transfers
+
+    def _upload(self, parameter: Parameter) -> bytes:
+        return bytes(self._node.sdo.upload(parameter.index, parameter.subindex))
+
+    def _download(self, parameter: Parameter) -> None:
+        self._node.sdo.download(parameter.index, parameter.subindex, parameter.data)
+
+    def _agrees(self, parameter: Parameter) -> bool:
+        return parameter.agrees(self.read(parameter))
+
+    def _compare(self, parameter: Parameter, error: type[DeviceError]) -> None:
+        found = self.read(parameter)
+        if not parameter.agrees(found):
+            raise error(
+                self.name,
+                f"{parameter} is {parameter.shown(found)}, expected {parameter.shown(parameter.value)}",
+            )
+
+    def _transfer(
+        self, parameter: Parameter, transfer: Callable[[Parameter], _T], what: str, attempts: int
+    ) -> _T:
+        for attempt in range(1, attempts + 1):
+            try:
+                return transfer(parameter)
+            except canopen.SdoAbortedError as error:
+                problem = f"refuses {parameter} {what}: {abort_text(error.code)}"
+                raise DeviceError(self.name, problem) from error
+            except canopen.SdoCommunicationError:
+                if attempt == attempts:
+                    raise DeviceError(self.name, "does not answer") from None
+            except can.CanError as error:
+                raise DeviceError(self.name, f"cannot be reached: {error}") from None
+        raise AssertionError("a transfer returns or raises")
+
+
+def abort_text(code: int) -> str:
+    """Return an SDO abort code in words."""
+    words = canopen.SdoAbortedError.CODES.get(code, "abort code of the manufacturer")
+    return f"{words} (abort code 0x{code:08X})"
+
+
+def nmt_state_text(state: int) -> str:
+    """Return the NMT state of a heartbeat in words."""
+    return _NMT_STATES.get(state, f"state {state}")

@@ -1,0 +1,212 @@
+"""Taking a device in: who it is, what it is set to, and what of that has to be written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from cspr_drivers import clock
+from cspr_drivers.canopen import cia402
+from cspr_drivers.canopen.frame_table import DIGITAL_INPUTS, STATUS_WORD
+from cspr_drivers.canopen.object_entry import Parameter, Setting
+from cspr_drivers.canopen.pdo_parameters import out_of_use
+from cspr_drivers.canopen.velocity_unit import INCREMENTS, velocity_unit
+from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
+from cspr_drivers.config.identity import Identity
+from cspr_drivers.devices.device import CanopenDevice, NmtCommand
+from cspr_drivers.devices.settings import (
+    drive_mode,
+    drive_scale,
+    drive_settings,
+    drive_type,
+    identity_object,
+    load_cell_settings,
+    load_cell_type,
+    unused_drive_pdos,
+    unused_load_cell_pdos,
+)
+from cspr_drivers.errors import DeviceError, WrongDeviceError
+
+_POWERED = (
+    cia402.State.OPERATION_ENABLED,
+    cia402.State.QUICK_STOP_ACTIVE,
+    cia402.State.FAULT_REACTION_ACTIVE,
+)
+
+
+@dataclass(frozen=True)
+class DriveFacts:
+    """What a drive says about itself when it is taken in.
+
+    Attributes
+    ----------
+    rated_current
+        Of its motor, A (6075h); `None` when it does not say.
+    velocity_unit
+        Velocity, rad/s, of one unit of 606Ch; `None` where it is not asked for.
+    emergency_stop
+        Whether its input for the emergency stop is active.
+    error_code, error_register
+        Its last error (603Fh) and the errors that are present (1001h): messages of before nobody has heard.
+    written
+        Settings that had to be written, 0 when it was configured already.
+    """
+
+    rated_current: float | None
+    velocity_unit: float | None
+    emergency_stop: bool
+    error_code: int
+    error_register: int
+    written: int
+
+
+def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -> DriveFacts:
+    """Bring a drive from wherever it is to NMT operational, or find out why that must not be.
+
+    A drive that is set up already is only read. One that is not is written to in NMT pre-operational, never while
+    its motor is under torque.
+
+    Raises
+    ------
+    WrongDeviceError
+        If it is another device than the configured one.
+    DeviceError
+        If it does not answer, refuses something, or has another scale than configured.
+    """
+    device.leave_stopped()
+    device.identify((drive_type(),))
+    _identify(device, drive.identity)
+    device.check(drive_scale(drive))
+    current = _rated_current(device)
+    _require_increments(device)
+    velocity = config.pdo.drive_tpdo_2 is not None
+    unit = _velocity_unit(device, drive) if velocity else None
+    wrong = _differing(device, drive_settings(config, drive), unused_drive_pdos(config))
+    if wrong:
+        _require_no_torque(device)
+        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        device.set(wrong)
+    device.wait_for(drive_mode())
+    code = device.read_if_present(Parameter(0x603F, 0, 16, 0, "error code")) or 0
+    register = device.read_if_present(Parameter(0x1001, 0, 8, 0, "error register")) or 0
+    _start(device)
+    return DriveFacts(current, unit, _emergency_stop(device, config), code, register, len(wrong))
+
+
+@dataclass(frozen=True)
+class LoadCellFacts:
+    """What an amplifier says about itself when it is taken in.
+
+    Attributes
+    ----------
+    span
+        Process values between which it measures (9148h, 9149h), both `None` when it does not say.
+    written
+        Settings that had to be written, 0 when it was configured already.
+    """
+
+    span: tuple[int | None, int | None]
+    written: int
+
+
+def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> LoadCellFacts:
+    """Do the same for an amplifier.
+
+    Raises
+    ------
+    WrongDeviceError, DeviceError
+        As `set_up_drive`.
+    """
+    device.leave_stopped()
+    device.identify((load_cell_type(),))
+    _identify(device, cell.identity)
+    wrong = _differing(device, load_cell_settings(config, cell), unused_load_cell_pdos())
+    if wrong:
+        device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        device.set(wrong)
+    ends = [
+        Parameter(0x9148, 1, 32, 0, "AI span start", signed=True),
+        Parameter(0x9149, 1, 32, 0, "AI span end", signed=True),
+    ]
+    low, high = map(device.read_if_present, ends)
+    _start(device)
+    return LoadCellFacts((low, high), len(wrong))
+
+
+def _identify(device: CanopenDevice, identity: Identity | None) -> None:
+    if identity is None:
+        raise WrongDeviceError(
+            device.name,
+            "is not commissioned: its identity is null in the configuration; "
+            "`ros2 run cspr_drivers commission` finds it",
+        )
+    device.identify(identity_object(identity))
+
+
+def _rated_current(device: CanopenDevice) -> float | None:
+    """Return the rated current, A; a drive without motor data knows no torque either."""
+    entry = Parameter(0x6075, 0, 32, 0, "motor rated current, mA")
+    current = device.read_if_present(entry)
+    if current == 0:
+        raise DeviceError(
+            device.name, f"{entry} is 0: its motor data are not set; set them with the maker's program"
+        )
+    return None if current is None else 1e-3 * current
+
+
+def _require_increments(device: CanopenDevice) -> None:
+    """Refuse a drive that counts positions in another unit; one that does not say counts increments."""
+    entry = Parameter(0x60A8, 0, 32, INCREMENTS, "SI unit position")
+    code = device.read_if_present(entry)
+    if code is not None and not entry.agrees(code):
+        raise DeviceError(
+            device.name,
+            f"{entry} is {entry.shown(code)}, not increments, {entry.shown(INCREMENTS)}: its positions cannot be "
+            "converted",
+        )
+
+
+def _velocity_unit(device: CanopenDevice, drive: DriveConfig) -> float:
+    entry = Parameter(0x60A9, 0, 32, 0, "SI unit velocity")
+    code = device.read_if_present(entry)
+    unit = None if code is None else velocity_unit(code, drive.units.encoder_increments)
+    if unit is None:
+        found = "is missing" if code is None else f"is {entry.shown(code)}"
+        raise DeviceError(
+            device.name,
+            f"{entry} {found}: its velocities cannot be converted; use velocity_source: position_difference",
+        )
+    return unit
+
+
+def _emergency_stop(device: CanopenDevice, config: CanConfig) -> bool:
+    """Return the present state of the input, which from now on comes when it changes."""
+    entry = config.emergency_stop_input
+    if entry is None:
+        return False
+    return entry.is_active(device.read(Parameter(DIGITAL_INPUTS.index, 0, 32, 0, "digital inputs")))
+
+
+def _differing(
+    device: CanopenDevice, settings: Iterable[Setting], unused: Iterable[Parameter]
+) -> list[Setting]:
+    wrong = device.differing(settings)
+    for entry in unused:
+        found = device.read_if_present(entry)
+        if found is not None and not entry.agrees(found):
+            wrong.append(out_of_use(entry, found))
+    return wrong
+
+
+def _require_no_torque(device: CanopenDevice) -> None:
+    word = device.read(Parameter(STATUS_WORD.index, 0, 16, 0, "statusword"))
+    state = cia402.decode_state(word)
+    if state in _POWERED:
+        raise DeviceError(
+            device.name, f"is in {state.value} and not set up: it is set up when it has come to rest"
+        )
+
+
+def _start(device: CanopenDevice) -> None:
+    device.expect_heartbeat(clock.monotonic())
+    device.command(NmtCommand.START)

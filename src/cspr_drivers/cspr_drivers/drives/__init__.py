@@ -1,0 +1,1 @@
+"""The CiA 402 drives: their cycle, their states, their master."""

@@ -1,0 +1,413 @@
+"""The m drives of the robot as one: enabled together, stopped together, with one latched cause.
+
+The group watches status words, commands and silence, and answers with the control word of each drive. It
+sends nothing and reads no clock: times are arguments, in seconds of one monotonic clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from enum import Enum
+
+from cspr_drivers.canopen.cia402 import Command, State, Target, decode_state, next_control_word
+from cspr_drivers.canopen.emergency import Emergency, after
+from cspr_drivers.canopen.emergency_codes import is_error
+from cspr_drivers.config.timeouts import Timeouts
+from cspr_drivers.drives.status import DriveStatus
+from cspr_drivers.drives.transition_watch import TransitionWatch
+
+
+class GroupState(Enum):
+    """State of the drives as a whole; the value is the name on topics."""
+
+    NOT_READY = "not_ready"  # a drive is missing or not at rest
+    DISABLED = "disabled"  # all drives at rest, brakes closed
+    ENABLING = "enabling"  # on the way to enabled; brakes open last, and together
+    ENABLED = "enabled"  # brakes open, torque at the shafts, of all drives or of those enabled singly
+    STOPPING = "stopping"  # brakes are closing, under torque
+    FAULT = "fault"  # quick stop, latched until reset
+
+
+IN_MOTION = frozenset({GroupState.ENABLING, GroupState.ENABLED, GroupState.STOPPING})
+
+_SETTLED: dict[Target, frozenset[State]] = {
+    Target.AT_REST: frozenset({State.SWITCH_ON_DISABLED, State.FAULT}),
+    Target.SWITCHED_ON: frozenset({State.SWITCHED_ON}),
+    Target.OPERATION_ENABLED: frozenset({State.OPERATION_ENABLED}),
+    Target.QUICK_STOP: frozenset({State.SWITCH_ON_DISABLED, State.FAULT}),
+    Target.FAULT_RESET: frozenset({State.SWITCH_ON_DISABLED}),
+}
+
+_FAULTY = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
+
+
+class DriveGroup:
+    """State machine of all drives. Not thread-safe: the caller serialises.
+
+    Parameters
+    ----------
+    names
+        Names of the drives (m).
+    brake_open_bit
+        Bit of the status word that is set while the brake is open.
+    timeouts
+        `command`, `feedback`, `transition`, `enable` and `stop` are used here.
+    """
+
+    def __init__(self, names: Sequence[str], brake_open_bit: int, timeouts: Timeouts) -> None:
+        self._drives = [DriveStatus(name) for name in names]
+        self._everyone = frozenset(range(len(names)))
+        self._heard = [-math.inf] * len(names)
+        self._commanded = [-math.inf] * len(names)
+        self._brake_open = 1 << brake_open_bit
+        self._timeouts = timeouts
+        self._watch = TransitionWatch(len(names), timeouts)
+        self._state = GroupState.NOT_READY
+        self._cause = "drives are not configured yet"
+        self._since = 0.0
+        self._members: frozenset[int] = frozenset()  # drives that are, or are to be, in operation
+        self._running: frozenset[int] = frozenset()  # those that have been in operation
+        self._releasing = False
+        self._resetting: frozenset[int] = frozenset()  # drives whose fault is being reset
+        self._clearing = False  # whether the latched cause goes with them
+        self._not_stopped: frozenset[int] = frozenset()  # drives said to be late with their stop
+        self._words = [int(Command.DISABLE_VOLTAGE)] * len(self._drives)
+
+    # What is observed.
+
+    def configured(self, index: int) -> None:
+        """Note that a drive is configured and takes part."""
+        self._drives[index] = replace(self._drives[index], unavailable="")
+
+    def lost(self, index: int, reason: str, time: float) -> None:
+        """Note that a drive restarted, fell silent or cannot be configured; in motion that is a fault."""
+        # What it reported before says nothing about the device that will come back.
+        self._drives[index] = DriveStatus(self._drives[index].name, unavailable=reason)
+        if self._state in IN_MOTION:
+            self._latch(f"{self._drives[index].name}: {reason}", time)
+
+    def feedback(self, index: int, status_word: int, time: float) -> None:
+        """Take the status word of a drive.
+
+        Raises
+        ------
+        FrameError
+            If its bits are those of no state; it is not used then.
+        """
+        drive = self._drives[index]
+        if status_word != drive.status_word or drive.state is None:
+            self._drives[index] = replace(
+                drive,
+                status_word=status_word,
+                state=decode_state(status_word),
+                brake_open=bool(status_word & self._brake_open),
+            )
+        self._heard[index] = time
+
+    def emergency(self, index: int, message: Emergency) -> None:
+        """Take an emergency message of a drive; an error in motion is a fault."""
+        drive = self._drives[index]
+        self._drives[index] = replace(drive, errors=after(drive.errors, message))
+        if self._state in IN_MOTION and is_error(message.code):
+            self._latch(f"{drive.name} reports {message.text}", message.time)
+
+    def emergency_stop(self, index: int, active: bool, time: float) -> None:
+        """Take the state of a drive's input for the emergency stop; in motion it is a fault."""
+        drive = self._drives[index]
+        self._drives[index] = replace(drive, emergency_stop=active)
+        if not active:
+            return
+        cause = f"emergency stop: input of {drive.name}"
+        if self._state in IN_MOTION:
+            self._latch(cause, time)
+        # A drive that stops by itself may say so before its input does.
+        elif (
+            self._state is GroupState.FAULT
+            and time - self._since < self._timeouts.feedback
+            and not self._cause.startswith("emergency stop")
+        ):
+            self._cause = f"{cause}; {self._cause}"
+
+    def commanded(self, index: int, time: float) -> None:
+        """Note that an acceptable torque command for a drive arrived."""
+        self._commanded[index] = time
+
+    # What is commanded.
+
+    def enable(self, time: float, index: int | None = None) -> str | None:
+        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
+        if self._state is GroupState.FAULT:
+            return f"a fault is latched: {self._cause}; reset it first"
+        if self._state is GroupState.NOT_READY:
+            return self._cause
+        wanted = self._everyone if index is None else frozenset({index})
+        singly = index is not None and self._state is GroupState.ENABLED and index not in self._members
+        if self._state is not GroupState.DISABLED and not singly:
+            return f"the drives are {self._state.value}"
+        members = wanted | (self._members if singly else frozenset())
+        if stale := self._without_command(time, members):
+            return f"no fresh torque commands for {', '.join(stale)}"
+        self._members = members
+        self._releasing = False
+        self._enter(GroupState.ENABLING, "", time)
+        return None
+
+    def disable(self, time: float, index: int | None = None) -> None:
+        """Begin to close the brakes, of all drives or of one. Without effect unless in motion."""
+        if self._state not in (GroupState.ENABLING, GroupState.ENABLED):
+            return
+        remaining = frozenset() if index is None else self._members - {index}
+        if remaining and self._state is GroupState.ENABLED:
+            self._members = self._running = remaining
+            self._aim()
+        elif index is None or index in self._members:
+            self._members = self._running = frozenset()
+            self._enter(GroupState.STOPPING, "", time)
+
+    def quick_stop(self, cause: str, time: float) -> None:
+        """Stop all drives at once and latch the cause. The first cause stays."""
+        self._latch(cause, time)
+
+    def fault_reset(self, time: float, index: int | None = None) -> str | None:
+        """Begin to reset faults of the drives; return why not when that is refused.
+
+        Parameters
+        ----------
+        index
+            Drive whose fault is reset; by default that of all, and the latched cause with them.
+        """
+        if self._state is not GroupState.FAULT:
+            return None
+        concerned = self._everyone if index is None else frozenset({index})
+        moving = [
+            self._drives[k].describe() for k in self._present(time) & concerned if not self._drives[k].held
+        ]
+        if moving:
+            return f"not stopped yet: {'; '.join(moving)}"
+        self._resetting = frozenset(k for k in concerned if self._drives[k].state is State.FAULT)
+        self._clearing = index is None
+        self._since = time
+        self._watch.clear()
+        self._aim()
+        return None
+
+    # What follows.
+
+    def step(self, time: float) -> None:
+        """Judge what was observed, change state, and set the control words. Called once a cycle."""
+        if self._state in (GroupState.NOT_READY, GroupState.DISABLED):
+            self._rest(time)
+        elif self._state is GroupState.FAULT:
+            self._hold_fault(time)
+        elif cause := self._trouble(time):
+            self._latch(cause, time)
+        elif self._state is GroupState.ENABLING:
+            self._release(time)
+        elif self._state is GroupState.STOPPING:
+            self._close(time)
+        self._aim()
+        if self._state is not GroupState.ENABLED or self._members != self._everyone:
+            self._watch_transitions(time)
+
+    @property
+    def state(self) -> GroupState:
+        """State of the group."""
+        return self._state
+
+    @property
+    def cause(self) -> str:
+        """Why the group is not ready or in fault; empty otherwise."""
+        return self._cause
+
+    @property
+    def control_words(self) -> Sequence[int]:
+        """Control word that each drive shall have (m)."""
+        return self._words
+
+    @property
+    def held(self) -> bool:
+        """Whether the brakes of all drives that can be reached are closed."""
+        return all(drive.held for drive in self._drives if not drive.unavailable)
+
+    @property
+    def drives(self) -> tuple[DriveStatus, ...]:
+        """What is known of each drive (m)."""
+        return tuple(self._drives)
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Names of the drives that are in operation, or on the way there."""
+        return tuple(self._drives[index].name for index in sorted(self._members))
+
+    def operates(self, index: int) -> bool:
+        """Return whether a drive follows its torque, its brake open."""
+        return self._state is GroupState.ENABLED and index in self._running
+
+    def settled(self, index: int) -> bool:
+        """Return whether a drive is where it shall be, so that its control word need not be repeated."""
+        state = self._drives[index].state
+        return state is None or state in _SETTLED[self._target(index)]
+
+    def feedback_age(self, index: int, time: float) -> float:
+        """Return the time since a drive was last heard, s; infinite before that."""
+        return time - self._heard[index]
+
+    # Inner working.
+
+    def _target(self, index: int) -> Target:
+        if self._state is GroupState.FAULT:
+            return Target.FAULT_RESET if index in self._resetting else Target.QUICK_STOP
+        if index not in self._members:
+            return Target.AT_REST
+        if self._state is GroupState.ENABLING and not self._releasing and index not in self._running:
+            return Target.SWITCHED_ON
+        return Target.OPERATION_ENABLED
+
+    def _aim(self) -> None:
+        for index, drive in enumerate(self._drives):
+            if drive.state is not None:
+                self._words[index] = next_control_word(drive.state, self._target(index))
+
+    def _enter(self, state: GroupState, cause: str, time: float) -> None:
+        self._state = state
+        self._cause = cause
+        self._since = time
+        self._aim()
+
+    def _latch(self, cause: str, time: float) -> None:
+        if self._state is not GroupState.FAULT or self._clearing:
+            self._resetting = self._members = self._running = self._not_stopped = frozenset()
+            self._clearing = False
+            self._enter(GroupState.FAULT, cause, time)
+
+    def _silent(self, index: int, time: float) -> bool:
+        return time - self._heard[index] > self._timeouts.feedback
+
+    def _silent_ones(self, time: float) -> str:
+        """Return the names of the drives that have fallen silent, too late by now for those that just have."""
+        silent = [k for k in self._everyone if time - self._heard[k] > 0.5 * self._timeouts.feedback]
+        if len(silent) == len(self._drives):
+            return "all drives"
+        return ", ".join(self._drives[k].name for k in sorted(silent))
+
+    def _present(self, time: float) -> frozenset[int]:
+        """Return the drives that can be used and report their state."""
+        return frozenset(
+            index
+            for index, drive in enumerate(self._drives)
+            if not drive.unavailable and not self._silent(index, time)
+        )
+
+    def _without_command(self, time: float, members: Iterable[int]) -> list[str]:
+        limit = self._timeouts.command
+        return [
+            self._drives[index].name for index in sorted(members) if time - self._commanded[index] > limit
+        ]
+
+    def _rest(self, time: float) -> None:
+        present = self._present(time)
+        if faulty := [
+            self._drives[k].describe() for k in sorted(present) if self._drives[k].state in _FAULTY
+        ]:
+            self._latch("; ".join(faulty), time)
+            return
+        reasons: dict[str, list[str]] = {}
+        for index, drive in enumerate(self._drives):
+            if reason := self._restless(drive, index in present):
+                reasons.setdefault(reason, []).append(drive.name)
+        if reasons:
+            cause = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+            self._enter(GroupState.NOT_READY, cause, time)
+        elif self._state is GroupState.NOT_READY:
+            self._enter(GroupState.DISABLED, "", time)
+
+    @staticmethod
+    def _restless(drive: DriveStatus, present: bool) -> str:
+        """Return why a drive is not at rest and ready, or an empty text."""
+        if drive.unavailable:
+            return drive.unavailable
+        if not present:
+            return "sends no feedback"
+        if drive.emergency_stop:
+            return "its emergency stop input is active"
+        if drive.state is not State.SWITCH_ON_DISABLED:
+            return f"is in {drive.state_name}"
+        return "its brake is open" if drive.brake_open else ""
+
+    def _trouble(self, time: float) -> str:
+        """Return what makes going on impossible, or an empty text."""
+        for index, drive in enumerate(self._drives):
+            if drive.state in _FAULTY:
+                return drive.describe()
+            if self._silent(index, time):
+                return f"{self._silent_ones(time)}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
+        # The torque stays what it was until the brakes hold: commands to drives that stop are not needed any more.
+        if stale := self._without_command(time, self._members):
+            limit = 1e3 * self._timeouts.command
+            return f"no torque command within {limit:.0f} ms for {', '.join(stale)}"
+        for index in self._members:
+            drive = self._drives[index]
+            running = index in self._running
+            if (running and drive.state is not State.OPERATION_ENABLED) or (
+                drive.state is State.QUICK_STOP_ACTIVE
+            ):
+                power = "; its power stage has no supply" if drive.without_power else ""
+                return drive.describe() + power
+            if running and not drive.brake_open:
+                return f"{drive.name}: its brake closed by itself"
+            if running and not drive.follows_target:
+                return f"{drive.name} does not follow its target torque: it has left its mode of operation"
+        return ""
+
+    def _release(self, time: float) -> None:
+        powered = (State.SWITCHED_ON, State.OPERATION_ENABLED)
+        members = [self._drives[index] for index in sorted(self._members)]
+        if not self._releasing:
+            self._releasing = all(drive.state in powered for drive in members)
+        late = [drive.describe() for drive in members if not drive.in_operation]
+        if not late:
+            self._running = self._members
+            self._enter(GroupState.ENABLED, "", time)
+        elif time - self._since > self._timeouts.enable:
+            self._latch(f"not enabled within {self._timeouts.enable:g} s: {'; '.join(late)}", time)
+
+    def _close(self, time: float) -> None:
+        late = [d for d in self._drives if d.brake_open or d.state is not State.SWITCH_ON_DISABLED]
+        if not late:
+            self._enter(GroupState.DISABLED, "", time)
+        elif time - self._since > self._timeouts.stop:
+            names = "; ".join(drive.describe() for drive in late)
+            self._latch(f"brakes not closed within {self._timeouts.stop:g} s: {names}", time)
+
+    def _hold_fault(self, time: float) -> None:
+        # One reset is one edge of bit 7: a drive that falls into fault again waits for the operator again.
+        self._resetting = frozenset(k for k in self._resetting if self._drives[k].state is State.FAULT)
+        late = [
+            self._drives[k].describe()
+            for k in sorted(self._present(time))
+            if self._drives[k].state is not State.SWITCH_ON_DISABLED
+        ]
+        overdue = time - self._since > self._timeouts.stop
+        if self._clearing and not late:
+            self._clearing = False
+            self._resetting = frozenset()
+            self._enter(GroupState.NOT_READY, "", time)
+            self._rest(time)
+        elif overdue and (self._clearing or self._resetting):
+            self._clearing = False
+            self._resetting = frozenset()
+            self._cause = f"not reset: {'; '.join(late)}"
+
+    def _watch_transitions(self, time: float) -> None:
+        late = self._watch.overdue([drive.state for drive in self._drives], self._words, time)
+        if not late:
+            return
+        if self._state in IN_MOTION:
+            index, problem = next(iter(late.items()))
+            self._latch(f"{self._drives[index].name}: {problem}", time)
+        elif self._state is GroupState.FAULT and not (self._clearing or self._resetting):
+            for index in late.keys() - self._not_stopped:
+                self._not_stopped |= {index}
+                self._cause += f"; {self._drives[index].name}: {late[index]}: take the load as not held"

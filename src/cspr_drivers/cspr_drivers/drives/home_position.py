@@ -1,0 +1,70 @@
+"""Taking the present pose as the home pose: the position values there become `home_counts` in the configuration."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import yaml
+
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.errors import ConfigurationError
+
+_ENTRY = re.compile(r"^(?P<before>[^#\n]*?\bhome_counts:\s*)(?P<value>[-+]?\d+)", re.MULTILINE)
+
+
+def with_home(config: CanConfig, counts: Sequence[int]) -> CanConfig:
+    """Return the configuration with other position values (m,) at the home pose."""
+    drives = tuple(
+        dataclasses.replace(drive, units=dataclasses.replace(drive.units, home_counts=value))
+        for drive, value in zip(config.drives, counts, strict=True)
+    )
+    return dataclasses.replace(config, drives=drives)
+
+
+def store_home(config: CanConfig, counts: Sequence[int]) -> Path:
+    """Write position values (m,) at the home pose into the file of a configuration; return where the old one is kept.
+
+    Only these numbers change: comments and layout stay as they are.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, written, or does not hold one ``home_counts`` a drive. It is then as it was.
+    """
+    path = Path(config.source)
+    try:
+        old = path.read_text(encoding="utf-8")
+        new = _replaced(old, config, counts)
+        kept = path.with_name(f"{path.name}.{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}")
+        kept.write_text(old, encoding="utf-8")
+        fresh = path.with_name(f"{path.name}.new")
+        with fresh.open("w", encoding="utf-8") as file:
+            file.write(new)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)  # a loss of power leaves the old file or the new one
+    except OSError as error:
+        raise ConfigurationError(f"{path}: home_counts cannot be stored: {error.strerror}") from None
+    return kept
+
+
+def _replaced(text: str, config: CanConfig, counts: Sequence[int]) -> str:
+    values = iter(counts)
+    try:
+        new = _ENTRY.sub(lambda found: f"{found['before']}{next(values)}", text)
+        drives = yaml.safe_load(new)["drives"]
+        stored = [drive["home_counts"] for drive in drives]
+        nodes = [drive["node_id"] for drive in drives]
+    except (StopIteration, RuntimeError, yaml.YAMLError, KeyError, TypeError):
+        stored, nodes = [], []
+    if stored != list(counts) or nodes != [drive.node_id for drive in config.drives]:
+        raise ConfigurationError(
+            f"{config.source}: home_counts: has changed since it was read, or holds them in another way than one "
+            "number a drive: write " + ", ".join(map(str, counts)) + " there by hand"
+        )
+    return new

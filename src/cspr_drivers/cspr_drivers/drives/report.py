@@ -1,0 +1,65 @@
+"""What the driver of the drives tells others: motor states each cycle, and its own state on request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cspr_drivers.devices.setup import DriveFacts
+from cspr_drivers.drives.cycle import CycleStatistics
+from cspr_drivers.drives.group import GroupState
+from cspr_drivers.drives.status import DriveStatus
+
+
+@dataclass(frozen=True)
+class MotorStates:
+    """What all drives reported in one cycle: stamp in ns of ROS time; rad, rad/s, N m, each (m,)."""
+
+    stamp_ns: int
+    angles: tuple[float, ...]
+    speeds: tuple[float, ...]
+    torques: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class DriveReport:
+    """State of the driver at one moment.
+
+    Attributes
+    ----------
+    state, cause, drives
+        Of the group of drives.
+    members
+        Names of the drives that are in operation, or on the way there.
+    feedback_ages
+        Time since each drive was last heard, s; infinite before that.
+    heartbeat_ages, nmt_states
+        Of each drive: time since its last heartbeat, s, and the NMT state in it.
+    facts
+        What each drive has said about itself, `None` before it was taken in.
+    not_configured
+        Devices that are not configured, with the reason.
+    statistics
+        Of the cycles since the drives were last enabled, while they are.
+    rejected_commands, last_rejection
+        Commands that were not passed on, and the newest of them in words.
+    skipped_cycles, worst_lateness
+        Of the clock, since the drives were last enabled: SYNC frames left out, and the largest delay of one, s.
+    clock_running
+        Whether SYNC frames go out.
+    """
+
+    state: GroupState
+    cause: str
+    drives: tuple[DriveStatus, ...]
+    members: tuple[str, ...]
+    feedback_ages: tuple[float, ...]
+    heartbeat_ages: tuple[float, ...]
+    nmt_states: tuple[str, ...]
+    facts: tuple[DriveFacts | None, ...]
+    not_configured: dict[str, str]
+    statistics: CycleStatistics
+    rejected_commands: int
+    last_rejection: str
+    skipped_cycles: int
+    worst_lateness: float
+    clock_running: bool

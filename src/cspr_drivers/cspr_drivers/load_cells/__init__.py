@@ -1,0 +1,1 @@
+"""The CiA 404 load cells: their cycle and their master."""

@@ -1,0 +1,42 @@
+"""Load cells that show the very same value while others change: the noise of a sound one never lets it."""
+
+from __future__ import annotations
+
+from cspr_drivers.config.can_config import LoadCellChecks
+
+
+class StuckCells:
+    """Since when each cell has not changed, and what the others showed then.
+
+    Parameters
+    ----------
+    count
+        Number of cells (m).
+    checks
+        Time and change of tension that are wanted.
+    """
+
+    def __init__(self, count: int, checks: LoadCellChecks) -> None:
+        self._checks = checks
+        self._last: tuple[float, ...] = (float("nan"),) * count
+        self._since = [0.0] * count
+        self._then: list[tuple[float, ...]] = [()] * count
+        self._stuck: frozenset[int] = frozenset()
+
+    @property
+    def stuck(self) -> frozenset[int]:
+        """Cells that are stuck; each stays so until its value changes."""
+        return self._stuck
+
+    def observe(self, time: float, tensions: tuple[float, ...]) -> None:
+        """Take the tensions (m,), N, of one SYNC at a time, s."""
+        last, self._last = self._last, tensions
+        for index, (now, before) in enumerate(zip(tensions, last, strict=True)):
+            if now != before:
+                self._since[index] = time
+                self._then[index] = tensions
+                self._stuck -= {index}
+            elif time - self._since[index] > self._checks.stuck_time:
+                change = max(abs(a - b) for a, b in zip(tensions, self._then[index], strict=True))
+                if change > self._checks.stuck_span:
+                    self._stuck |= {index}

@@ -1,0 +1,1 @@
+"""A CAN bus on which frames take the time that they take on copper."""

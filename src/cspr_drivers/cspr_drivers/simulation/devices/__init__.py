@@ -1,0 +1,1 @@
+"""Emulated CANopen devices."""

@@ -1,0 +1,359 @@
+"""An emulated servo drive with its motor's holding brake: CiA 402 in the torque modes and homing on the spot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from canopen.sdo import SdoAbortedError
+
+from cspr_drivers.canopen.cia402 import (
+    CYCLIC_SYNCHRONOUS_TORQUE,
+    QUICK_STOP_ON_LOST_CONNECTION,
+    STATUS_BITS,
+    State,
+)
+from cspr_drivers.config.can_config import DriveConfig
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, NmtState, SdoAbort
+from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, DriveTiming, OptionCodes, Phase
+from cspr_drivers.simulation.devices.node import EmulatedNode
+from cspr_drivers.simulation.plant.shared import SharedPlant
+from cspr_drivers.simulation.simulation_config import BrakeProperties, DriveProperties
+
+# Status word, object 6041h, besides the bits of the state.
+_VOLTAGE_ENABLED = 1 << 4
+_WARNING = 1 << 7
+_REMOTE = 1 << 9
+_TARGET_REACHED = 1 << 10  # profile torque mode
+_INTERNAL_LIMIT = 1 << 11
+_FOLLOWS_COMMAND = 1 << 12  # cyclic synchronous torque mode
+
+_HALT = 1 << 8  # control word, object 6040h
+
+_BRAKE_SET = 1 << 0  # digital outputs, object 60FEh:01
+_INTERLOCK = 1 << 3  # digital inputs, object 60FDh
+
+_NO_MODE = 0  # modes of operation, object 6060h
+_PROFILE_TORQUE = 4
+_LINEAR_RAMP = 0  # torque profile type, object 6088h
+
+# Abort connection option code, object 6007h.
+_NO_ACTION = 0
+_FAULT_SIGNAL = 1
+_DISABLE_VOLTAGE = 2
+
+_RAMPS = (0, 1, 2)
+# Values that this drive offers of each option code, and where it keeps them. Those that stop at the limit of
+# current or of voltage (3 and 4) are optional, and not offered.
+_OPTION_CODES = {
+    0x605A: ("quick_stop", (0, 1, 2, 5, 6)),
+    0x605B: ("shutdown", (0, 1)),
+    0x605C: ("disable_operation", (0, 1)),
+    0x605D: ("halt", (1, 2)),
+    0x605E: ("fault_reaction", _RAMPS),
+}
+_ABORT_CONNECTION_OPTIONS = (_NO_ACTION, _FAULT_SIGNAL, _DISABLE_VOLTAGE, QUICK_STOP_ON_LOST_CONNECTION)
+
+_STANDSTILL_SPEED = 1.0  # rad/s at the motor shaft: some 2 mm/s of cable
+
+
+class DriveEmulator(EmulatedNode):
+    """The drive of one motor.
+
+    Parameters
+    ----------
+    config
+        Node id, scale and sign.
+    eds
+        Its object dictionary, `cia402_drive.eds`.
+    machine
+        The machine.
+    index
+        Number of the motor, from 0.
+    brake, drive
+        Delays of the brake, and how the drive stops a motor.
+    brake_open_bit
+        Bit of the status word that is set while the brake is open.
+
+    Attributes
+    ----------
+    automaton
+        State, power stage and brake.
+    emergency_stop
+        Whether the emergency stop chain is open, see `set_emergency_stop`.
+    warning
+        Whether the drive warns of something (bit 7 of the status word).
+    mode_is_lost, runs_away, blocked
+        Injected faults, to be followed by `apply_faults`: the drive has left its mode of operation by itself and
+        keeps the torque that it had; in operation it applies this share of its torque, positive to pay out, whatever
+        it is told; the brake holds although the drive says that it is open.
+    """
+
+    def __init__(
+        self,
+        config: DriveConfig,
+        eds: Path,
+        machine: SharedPlant,
+        index: int,
+        brake: BrakeProperties,
+        drive: DriveProperties,
+        brake_open_bit: int,
+    ) -> None:
+        nameplate = (config.identity.objects if config.identity else {}) | {
+            (0x6076, 0): round(config.units.rated_torque * 1e3),
+            (0x608F, 1): config.units.encoder_increments,
+            (0x608F, 2): 1,
+        }
+        super().__init__(config.node_id, eds, machine, nameplate)
+        self.name = config.name
+        self._index = index
+        self._units = config.units
+        self._damping = drive.quick_stop_damping
+        self._brake_open_flag = 1 << brake_open_bit
+        self._timing = DriveTiming(
+            brake.open_delay, brake.close_delay, drive.quick_stop_time, _STANDSTILL_SPEED
+        )
+        self.automaton = DriveStateMachine(self._timing)
+        self.emergency_stop = False
+        self.warning = False
+        self.mode_is_lost = False
+        self.runs_away = 0.0
+        self.blocked = False
+        self._error_code = 0
+        self._mode = _NO_MODE
+        self._control_word = 0
+        self._new_control_word = False
+        self._target_torque = 0
+        self._max_torque = self.value(0x6072)
+        self._demand = 0.0
+        self._demand_time = 0.0
+        self._limited = False
+        self._angle = self._speed = self._torque = 0.0
+        self._outputs = (0.0, 0.0, True)  # what the plant has: torque, damping, brake closed
+        self.readers |= {
+            (0x603F, 0): lambda: self._error_code,
+            (0x6040, 0): lambda: self._control_word,
+            (0x6041, 0): self._status_word,
+            (0x6060, 0): lambda: self._mode,
+            (0x6061, 0): lambda: _NO_MODE if self.mode_is_lost else self._mode,
+            (0x6064, 0): lambda: _wrapped(self._units.counts(self._angle)),
+            (0x606C, 0): lambda: _wrapped(self._units.counts(self._speed) - self._units.home_counts),
+            (0x6071, 0): lambda: self._target_torque,
+            (0x6072, 0): lambda: self._max_torque,
+            (0x6074, 0): lambda: round(self._demand),
+            (0x6077, 0): lambda: self._units.per_mille(self._torque),
+            (0x60FD, 0): lambda: _INTERLOCK if self.emergency_stop else 0,
+            (0x60FE, 1): lambda: 0 if self.automaton.brake_open else _BRAKE_SET,
+        }
+        self.writers |= {
+            (0x6040, 0): self._write_control_word,
+            (0x6060, 0): self._write_mode,
+            (0x6071, 0): self._write_target_torque,
+            (0x6072, 0): self._write_max_torque,
+        }
+        self.writers[0x6088, 0] = self._option_writer(0x6088, "", (_LINEAR_RAMP,))
+        self.writers[0x6007, 0] = self._option_writer(0x6007, "", _ABORT_CONNECTION_OPTIONS)
+        for option, (name, allowed) in _OPTION_CODES.items():
+            self.writers[option, 0] = self._option_writer(option, name, allowed)
+
+    @property
+    def mapping_locked(self) -> bool:
+        """Mappings stay as they are in NMT operational, and while the power stage is on."""
+        return self.nmt_state is NmtState.OPERATIONAL or self.automaton.powered
+
+    def latch(self) -> None:
+        """Take angle, speed and torque of the motor."""
+        sensed = self._machine.measure()
+        self._angle = sensed.angles[self._index]
+        self._speed = sensed.speeds[self._index]
+        self._torque = sensed.torques[self._index]
+
+    def applied(self, time: float) -> None:
+        """Take the control word, now that the other objects of its frame are written, and set the torque."""
+        self._machine.advance(time)
+        if self._new_control_word:
+            self._new_control_word = False
+            before = self.automaton.state
+            may_operate = self._mode != _NO_MODE
+            self.automaton.halted = self._mode == _PROFILE_TORQUE and bool(self._control_word & _HALT)
+            reset = self.automaton.command(self._control_word, time, may_operate, not self.emergency_stop)
+            resumed = before is State.SWITCH_ON_DISABLED and self.automaton.state is State.READY_TO_SWITCH_ON
+            if reset or resumed:
+                self._error_code = 0
+                self.errors_over()
+        self._drive(time)
+
+    def connection_lost(self, code: EmergencyCode, time: float) -> None:
+        """Do what the abort connection option code, 6007h, says, if the drive is in operation."""
+        if self.automaton.state is not State.OPERATION_ENABLED:
+            return
+        option = self.value(0x6007)
+        if option != _NO_ACTION:
+            self._error_code = int(code)
+        self.emergency(code)
+        self._machine.advance(time)
+        if option == QUICK_STOP_ON_LOST_CONNECTION:
+            self.automaton.quick_stop(time)
+        elif option == _DISABLE_VOLTAGE:
+            self.automaton.disable_voltage(time)
+        elif option == _FAULT_SIGNAL:
+            self.automaton.fault(time)
+        self._drive(time)
+
+    def fail(self, code: EmergencyCode) -> None:
+        """Let the drive find a fault in itself: it stops its motor, closes the brake and is in fault."""
+        with self._machine.lock:
+            time = self._machine.now()
+            self._machine.advance(time)
+            self._error_code = int(code)
+            self.emergency(code)
+            self.automaton.fault(time)
+            self._drive(time)
+
+    def set_emergency_stop(self, active: bool) -> None:
+        """Open or close the emergency stop chain at the drive's interlock input (bit 3 of 60FDh).
+
+        While it is open the drive is stopped as by the quick stop command and cannot be switched on: the safety
+        relay of a machine does the same before it takes the power away (stop category 1 of IEC 60204-1).
+        """
+        with self._machine.lock:
+            time = self._machine.now()
+            self._machine.advance(time)
+            self.emergency_stop = active
+            if active:
+                self.automaton.quick_stop(time)
+                if self.automaton.state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
+                    self.automaton.state = State.SWITCH_ON_DISABLED
+            self._drive(time)
+
+    def power_cycle(self) -> None:
+        """Lose the supply and boot again: the motor coasts until the brake, closed by its spring, holds."""
+        with self._machine.lock:
+            time = self._machine.now()
+            self._machine.advance(time)
+            self.automaton.lose_power(time)
+            self._errors.over()
+            self._error_code = 0
+            self.restart(time)
+            self._drive(time)
+            self.power_on()
+
+    def restart(self, time: float) -> None:
+        """Begin as after power-on; a drive that is still stopping its motor goes on with that."""
+        if self.automaton.phase is Phase.OFF:
+            self.automaton = DriveStateMachine(self._timing)
+            self._error_code = 0
+            self._errors.over()
+        self._mode = _NO_MODE
+        self._control_word = 0
+        self._new_control_word = False
+        self._target_torque = 0
+        self._max_torque = int(self.object_dictionary[0x6072].default)
+        self.automaton.halted = False
+        self.automaton.options = OptionCodes()
+
+    def tick(self, time: float, supervise: bool = True) -> None:
+        """Do what is due at a plant time, s; see `EmulatedNode.tick`."""
+        super().tick(time, supervise)
+        ramping = self._mode == _PROFILE_TORQUE and self.automaton.follows_target
+        if self.automaton.settled and not ramping:
+            return
+        self._machine.advance(time)
+        self.automaton.advance(time, self._machine.measure().speeds[self._index])
+        self._drive(time)
+
+    def apply_faults(self) -> None:
+        """Give the plant what the injected faults, just changed, make of the drive's torque."""
+        with self._machine.lock:
+            time = self._machine.now()
+            self._machine.advance(time)
+            self._drive(time)
+
+    def _drive(self, time: float) -> None:
+        """Give torque, damping and brake to the plant, which stands at the present time."""
+        automaton = self.automaton
+        if automaton.follows_target:
+            if not self.mode_is_lost:
+                self._follow(time)
+        elif not automaton.powered:
+            self._demand = 0.0
+            self._limited = False
+        self._demand_time = time
+        torque = self._units.torque(round(self._demand))
+        if self.runs_away and automaton.follows_target:
+            torque = self.runs_away * self._max_torque * self._units.rated_torque / 1000.0
+        damping = self._damping * automaton.damping
+        closed = self.blocked or not automaton.brake_open
+        outputs = (torque, damping, closed)
+        if outputs == self._outputs:
+            return
+        plant = self._machine.plant
+        plant.set_torque(self._index, torque)
+        if damping != self._outputs[1]:
+            plant.set_damping(self._index, damping)
+        if closed != self._outputs[2]:
+            plant.set_brake(self._index, closed)
+        self._outputs = outputs
+
+    def _follow(self, time: float) -> None:
+        """Let the torque demand be the target, within the limit, or ramp to it where the mode has a ramp."""
+        goal = max(-self._max_torque, min(self._max_torque, self._target_torque))
+        self._limited = goal != self._target_torque
+        if self._mode == _PROFILE_TORQUE:
+            step = self.value(0x6087) * max(0.0, time - self._demand_time)
+            self._demand += max(-step, min(step, goal - self._demand))
+        else:
+            self._demand = goal
+
+    def _status_word(self) -> int:
+        word = STATUS_BITS[self.automaton.state]
+        if not self.emergency_stop:
+            word |= _VOLTAGE_ENABLED
+        if self.warning:
+            word |= _WARNING
+        if self.nmt_state is NmtState.OPERATIONAL:
+            word |= _REMOTE
+        if self._limited:
+            word |= _INTERNAL_LIMIT
+        if self.automaton.follows_target and not self.mode_is_lost:
+            if self._mode == CYCLIC_SYNCHRONOUS_TORQUE:
+                word |= _FOLLOWS_COMMAND
+            elif self._demand == self._target_torque:
+                word |= _TARGET_REACHED
+        if self.automaton.brake_open:
+            word |= self._brake_open_flag
+        return word
+
+    def _write_control_word(self, word: int) -> None:
+        self._control_word = word
+        self._new_control_word = True
+
+    def _write_target_torque(self, per_mille: int) -> None:
+        self._target_torque = per_mille
+
+    def _write_max_torque(self, per_mille: int) -> None:
+        self._max_torque = per_mille
+
+    def _write_mode(self, mode: int) -> None:
+        if mode == self._mode:
+            return
+        if mode not in (_NO_MODE, _PROFILE_TORQUE, CYCLIC_SYNCHRONOUS_TORQUE):
+            raise SdoAbortedError(SdoAbort.INVALID_VALUE)
+        if self.automaton.powered:
+            raise SdoAbortedError(SdoAbort.DEVICE_STATE)
+        self._mode = mode
+
+    def _option_writer(self, index: int, name: str, allowed: tuple[int, ...]) -> Callable[[int], None]:
+        def write(value: int) -> None:
+            if value not in allowed:
+                raise SdoAbortedError(SdoAbort.INVALID_VALUE)
+            self._store(index, 0, value)
+            if name:
+                setattr(self.automaton.options, name, value)
+
+        return write
+
+
+def _wrapped(counts: int) -> int:
+    """Return counts as the 32-bit counter of a drive shows them."""
+    return (counts + 2**31) % 2**32 - 2**31

@@ -1,0 +1,296 @@
+"""Finite state automaton of an emulated drive with its power stage and holding brake (CiA 402-2).
+
+Pure: time and speed are arguments. There is torque before the brake opens. Where an option code asks for a ramp,
+the brake holds before the torque goes; where it says "disable drive function", and at "disable voltage", power
+goes at once, and the motor turns freely until the brake has closed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from cspr_drivers.canopen.cia402 import Command, State
+
+_SWITCH_ON = 1 << 0
+_ENABLE_VOLTAGE = 1 << 1
+_QUICK_STOP = 1 << 2  # active low
+_ENABLE_OPERATION = 1 << 3
+_FAULT_RESET = 1 << 7
+
+_STATES_WITHOUT_POWER = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+
+
+# Ways to stop that the option codes 605Ah to 605Eh name alike.
+DISABLE_DRIVE_FUNCTION = 0
+SLOW_DOWN_RAMP = 1
+QUICK_STOP_RAMP = 2
+# 605Ah alone: with the same ramps, but the drive stays in quick stop active under power.
+SLOW_DOWN_AND_STAY = 5
+QUICK_STOP_AND_STAY = 6
+
+_SLOW_DOWN = 0.5  # share of the quick stop's damping that the slow down ramp has; it may take as much longer
+
+
+@dataclass
+class OptionCodes:
+    """How the drive stops (CiA 402-2, objects 605Ah to 605Eh), as written by the master."""
+
+    quick_stop: int = QUICK_STOP_RAMP
+    shutdown: int = SLOW_DOWN_RAMP
+    disable_operation: int = SLOW_DOWN_RAMP
+    halt: int = SLOW_DOWN_RAMP
+    fault_reaction: int = QUICK_STOP_RAMP
+
+
+@dataclass(frozen=True)
+class DriveTiming:
+    """Durations, s, and the speed that counts as standstill, rad/s at the motor shaft.
+
+    Attributes
+    ----------
+    brake_open_delay, brake_close_delay
+        From the command to the brake until it is open, or holds.
+    quick_stop_time
+        Longest time for slowing down; then the brake closes all the same.
+    standstill_speed
+        Speed below which the brake closes during a quick stop.
+    """
+
+    brake_open_delay: float
+    brake_close_delay: float
+    quick_stop_time: float
+    standstill_speed: float
+
+
+class Phase(Enum):
+    """What power stage and brake are doing."""
+
+    OFF = auto()  # no torque, brake holds
+    RELEASING = auto()  # torque on, brake about to open
+    RUNNING = auto()  # torque on, brake open
+    SLOWING = auto()  # the drive stops the motor by itself, brake open
+    STAYING = auto()  # stopped, torque on, brake open, until the master says more
+    CLOSING = auto()  # torque on, brake about to hold
+    COASTING = auto()  # no torque, brake about to hold
+
+
+class DriveStateMachine:
+    """State, power stage and brake of one drive.
+
+    Attributes
+    ----------
+    state
+        State that the status word reports.
+    phase
+        What power stage and brake are doing.
+    options
+        How it stops.
+    halted
+        Whether the master asks for a halt (bit 8), in a mode of operation that has one.
+    """
+
+    def __init__(self, timing: DriveTiming, options: OptionCodes | None = None) -> None:
+        self._timing = timing
+        self.options = options or OptionCodes()
+        self.state = State.NOT_READY_TO_SWITCH_ON
+        self.phase = Phase.OFF
+        self.halted = False
+        self._phase_end = 0.0
+        self._ramp = QUICK_STOP_RAMP
+        self._stays = False
+        self._next_state = State.SWITCH_ON_DISABLED  # taken when the power goes
+        self._brake_open = False
+        self._last_word = 0
+
+    @property
+    def powered(self) -> bool:
+        """Whether the power stage applies torque."""
+        return self.phase not in (Phase.OFF, Phase.COASTING)
+
+    @property
+    def follows_target(self) -> bool:
+        """Whether the torque is the target torque; else a powered drive keeps the torque it had."""
+        return self.powered and self.state is State.OPERATION_ENABLED and not self.halted
+
+    @property
+    def damping(self) -> float:
+        """How much the drive opposes motion by itself, as a share of the damping of its quick stop."""
+        if not self.powered:
+            return 0.0
+        if self.state is State.OPERATION_ENABLED and self.phase is not Phase.SLOWING:
+            if not self.halted:
+                return 0.0
+            return _SLOW_DOWN if self.options.halt == SLOW_DOWN_RAMP else 1.0
+        return _SLOW_DOWN if self._ramp == SLOW_DOWN_RAMP and self.phase is Phase.SLOWING else 1.0
+
+    @property
+    def brake_open(self) -> bool:
+        """Whether the brake is open."""
+        return self._brake_open
+
+    @property
+    def settled(self) -> bool:
+        """Whether time alone changes nothing."""
+        at_rest = self.phase in (Phase.OFF, Phase.RUNNING, Phase.STAYING)
+        return at_rest and self.state is not State.NOT_READY_TO_SWITCH_ON
+
+    def command(self, word: int, time: float, may_operate: bool, may_switch_on: bool = True) -> bool:
+        """Take a control word (6040h).
+
+        Parameters
+        ----------
+        word
+            The control word.
+        time
+            Time, s.
+        may_operate
+            Whether the drive is in a mode of operation that can hold a load; else operation stays disabled.
+        may_switch_on
+            Whether nothing, as an emergency stop, keeps the drive in switch on disabled.
+
+        Returns
+        -------
+        bool
+            Whether the word has reset a fault.
+        """
+        rising = word & ~self._last_word
+        self._last_word = word
+        if self.state is State.FAULT:
+            if not rising & _FAULT_RESET or not may_switch_on:
+                return False
+            self.state = State.SWITCH_ON_DISABLED
+            return True
+        if self.state is State.OPERATION_ENABLED:
+            self._leave_operation(word, time)
+        elif self.state is State.QUICK_STOP_ACTIVE:
+            self._leave_quick_stop(word, time)
+        elif self.state in _STATES_WITHOUT_POWER and (may_switch_on or not word & _ENABLE_VOLTAGE):
+            self._switch(word, time, may_operate)
+        return False
+
+    def quick_stop(self, time: float) -> None:
+        """Stop by itself as 605Ah says; without power there is nothing to stop."""
+        if self.state is State.OPERATION_ENABLED:
+            option = self.options.quick_stop
+            if option == DISABLE_DRIVE_FUNCTION:
+                self._cut_power(State.SWITCH_ON_DISABLED, time)
+                return
+            self._stays = option in (SLOW_DOWN_AND_STAY, QUICK_STOP_AND_STAY)
+            slow = option in (SLOW_DOWN_RAMP, SLOW_DOWN_AND_STAY)
+            self.state = State.QUICK_STOP_ACTIVE
+            self._stop(SLOW_DOWN_RAMP if slow else QUICK_STOP_RAMP, State.SWITCH_ON_DISABLED, time)
+
+    def disable_voltage(self, time: float) -> None:
+        """Take power away, as the command "disable voltage" does."""
+        if self.powered and self.state is not State.FAULT_REACTION_ACTIVE:
+            self._cut_power(State.SWITCH_ON_DISABLED, time)
+
+    def fault(self, time: float) -> None:
+        """Stop by itself as 605Eh says, if there is power, and end in fault."""
+        if not self.powered:
+            self.state = State.FAULT
+        elif self.state is not State.FAULT_REACTION_ACTIVE:
+            if self.options.fault_reaction == DISABLE_DRIVE_FUNCTION:
+                self._cut_power(State.FAULT, time)
+                return
+            self.state = State.FAULT_REACTION_ACTIVE
+            self._stays = False
+            self._stop(self.options.fault_reaction, State.FAULT, time)
+
+    def lose_power(self, time: float) -> None:
+        """Lose the supply: no torque from now on, and the brake closes by its spring."""
+        if self.brake_open or self.powered:
+            self._cut_power(State.NOT_READY_TO_SWITCH_ON, time)
+        self.state = State.NOT_READY_TO_SWITCH_ON
+        self._last_word = 0
+
+    def advance(self, time: float, speed: float) -> None:
+        """Do what is due at a time, s, with the motor turning at a speed, rad/s."""
+        if self.state is State.NOT_READY_TO_SWITCH_ON:
+            self.state = State.SWITCH_ON_DISABLED
+        if self.phase is Phase.SLOWING and (
+            abs(speed) < self._timing.standstill_speed or time >= self._phase_end
+        ):
+            if self._stays:
+                self.phase = Phase.STAYING
+            else:
+                self._close_brake(time)
+        elif self.phase is Phase.RELEASING and time >= self._phase_end:
+            self.phase = Phase.RUNNING
+            self._brake_open = True
+        elif self.phase is Phase.CLOSING and time >= self._phase_end:
+            self.phase = Phase.OFF
+            self._brake_open = False
+            self.state = self._next_state
+        elif self.phase is Phase.COASTING and time >= self._phase_end:
+            self.phase = Phase.OFF
+            self._brake_open = False
+
+    def _switch(self, word: int, time: float, may_operate: bool) -> None:
+        """Take the transitions of the states without power (2, 3, 4, 6, 7, 10 of CiA 402-2)."""
+        if not word & _ENABLE_VOLTAGE or not word & _QUICK_STOP:
+            self.state = State.SWITCH_ON_DISABLED
+        elif not word & _SWITCH_ON:
+            self.state = State.READY_TO_SWITCH_ON
+        elif self.state is State.READY_TO_SWITCH_ON:
+            self.state = State.SWITCHED_ON
+        elif self.state is State.SWITCHED_ON and word & _ENABLE_OPERATION and may_operate:
+            self.state = State.OPERATION_ENABLED
+            self.phase = Phase.RELEASING
+            self._phase_end = time + self._timing.brake_open_delay
+
+    def _leave_operation(self, word: int, time: float) -> None:
+        command = word & Command.ENABLE_OPERATION
+        if command == Command.ENABLE_OPERATION:
+            return
+        if not word & _ENABLE_VOLTAGE:
+            self.disable_voltage(time)
+            return
+        if not word & _QUICK_STOP:
+            self.quick_stop(time)
+            return
+        if word & _SWITCH_ON:
+            option, next_state = self.options.disable_operation, State.SWITCHED_ON
+        else:
+            option, next_state = self.options.shutdown, State.READY_TO_SWITCH_ON
+        if option == DISABLE_DRIVE_FUNCTION:
+            self._cut_power(next_state, time)
+        elif self.phase in (Phase.RELEASING, Phase.RUNNING):
+            self._stays = False
+            self._stop(option, next_state, time)
+        else:
+            self._next_state = next_state
+
+    def _leave_quick_stop(self, word: int, time: float) -> None:
+        """Take the transitions out of quick stop active (12 and, where the drive stays in it, 16)."""
+        if not word & _ENABLE_VOLTAGE:
+            self.disable_voltage(time)
+        elif self._stays and word & Command.ENABLE_OPERATION == Command.ENABLE_OPERATION:
+            self.state = State.OPERATION_ENABLED
+            self.phase = Phase.RUNNING
+
+    def _stop(self, ramp: int, next_state: State, time: float) -> None:
+        self._ramp = ramp
+        self._next_state = next_state
+        if self.phase in (Phase.RUNNING, Phase.STAYING):
+            self.phase = Phase.SLOWING
+            longest = self._timing.quick_stop_time
+            self._phase_end = time + (longest / _SLOW_DOWN if ramp == SLOW_DOWN_RAMP else longest)
+        elif self.phase is Phase.RELEASING:
+            self._close_brake(time)
+
+    def _close_brake(self, time: float) -> None:
+        if self.phase is not Phase.CLOSING:
+            self.phase = Phase.CLOSING
+            self._phase_end = time + self._timing.brake_close_delay
+
+    def _cut_power(self, state: State, time: float) -> None:
+        self.state = state
+        if self._brake_open:
+            # a brake that was closing already goes on doing so
+            end = time + self._timing.brake_close_delay
+            self._phase_end = min(end, self._phase_end) if self.phase is Phase.CLOSING else end
+            self.phase = Phase.COASTING
+        else:
+            self.phase = Phase.OFF

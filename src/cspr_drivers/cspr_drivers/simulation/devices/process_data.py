@@ -1,0 +1,109 @@
+"""Received and transmitted PDOs of an emulated device at run time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import can
+
+from cspr_drivers.bus.can_bus import CyclicFrame
+from cspr_drivers.simulation.devices.pdo_configuration import ActivePdo
+
+
+class ReceivePdo:
+    """A PDO that the master sends.
+
+    Parameters
+    ----------
+    pdo
+        Its parameters.
+    writers
+        One for each of its objects, in their order.
+    """
+
+    def __init__(self, pdo: ActivePdo, writers: tuple[Callable[[int], None], ...]) -> None:
+        self.synchronous = pdo.synchronous
+        self.writers = writers
+        self._layout = pdo.layout
+        self._event_timer = pdo.event_timer
+        self._last_time: float | None = None
+        self._pending: tuple[int, ...] | None = None
+
+    def receive(self, data: bytearray, time: float) -> tuple[int, ...] | None:
+        """Take a frame at a time, s; return its values, `None` when they wait for the next SYNC.
+
+        Raises
+        ------
+        FrameError
+            If the frame does not have the length of the mapped objects.
+        """
+        values = self._layout.decode(data)
+        self._last_time = time
+        if not self.synchronous:
+            return values
+        self._pending = values
+        return None
+
+    def take_pending(self) -> tuple[int, ...] | None:
+        """Return, once, the values that waited for a SYNC."""
+        values, self._pending = self._pending, None
+        return values
+
+    def overdue(self, time: float) -> bool:
+        """Return, once, whether the frame has failed to come within its event timer by a time, s."""
+        if not self._event_timer or self._last_time is None or time - self._last_time <= self._event_timer:
+            return False
+        self._last_time = None  # watched again from the next frame on
+        return True
+
+
+class TransmitPdo:
+    """A PDO that the device sends.
+
+    Parameters
+    ----------
+    pdo
+        Its parameters.
+    readers
+        One for each of its objects, in their order.
+    """
+
+    def __init__(self, pdo: ActivePdo, readers: tuple[Callable[[], int], ...]) -> None:
+        self.synchronous = pdo.synchronous
+        self._layout = pdo.layout
+        self._every = pdo.transmission_type
+        self._event_timer = pdo.event_timer
+        self._readers = readers
+        # One message object serves every transmission: buses copy or serialise it before `send` returns.
+        self._message = CyclicFrame(pdo.cob_id)
+        self._syncs = 0
+        self._last_time = 0.0
+        self._last_data = b""
+
+    def on_sync(self) -> can.Message | None:
+        """Return the frame that a SYNC asks for, if any."""
+        if not self.synchronous:
+            return None
+        self._syncs += 1
+        if self._syncs < self._every:
+            return None
+        self._syncs = 0
+        return self._frame(self._data())
+
+    def on_event(self, time: float) -> can.Message | None:
+        """Return the frame to send at a time, s, because a value has changed or the event timer ran out."""
+        data = self._data()
+        if data == self._last_data and not (
+            self._event_timer and time - self._last_time >= self._event_timer
+        ):
+            return None
+        self._last_time = time
+        self._last_data = data
+        return self._frame(data)
+
+    def _data(self) -> bytes:
+        return self._layout.encode(*[reader() for reader in self._readers])
+
+    def _frame(self, data: bytes) -> can.Message:
+        self._message.assign(data)
+        return self._message

@@ -1,0 +1,263 @@
+"""The simulated machine as the emulated devices on several buses share it: one lock, one time."""
+
+from __future__ import annotations
+
+import bisect
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_drivers import clock
+from cspr_drivers.errors import DriverError
+from cspr_drivers.simulation.simulation_config import PayloadChange
+from cspr_kinematics import Payload
+
+FloatArray = NDArray[np.float64]
+
+# s. A frame's time stamp further than this from its reception is of another clock (a CAN adapter's own, or a
+# system clock that was set meanwhile): the time of reception counts instead.
+_LARGEST_FRAME_AGE = 1.0
+
+# s. Inputs that change within this time of each other take effect together.
+_SIMULTANEOUS_INPUTS = 0.5e-3
+
+# s. Two clocks are compared only when they could be read within this time of each other.
+_SIMULTANEOUS = 1e-5
+
+
+class PlantModel(Protocol):
+    """What the devices need of the simulated machine; `cspr_drivers.simulation.plant.plant.Plant` is one.
+
+    Motor quantities are at the motor shaft; positive angle and torque pay the cable out.
+    """
+
+    @property
+    def time(self) -> float:
+        """Time since the machine's start, s."""
+        ...
+
+    @property
+    def payload(self) -> Payload:
+        """What the platform carries now."""
+        ...
+
+    def advance(self, time: float) -> None:
+        """Integrate to a time with the inputs as they are; earlier times do nothing."""
+        ...
+
+    def set_payload(self, payload: Payload) -> None:
+        """Put a payload on the platform in place of what it carries."""
+        ...
+
+    def set_torque(self, index: int, torque: float) -> None:
+        """Set the torque of a motor, N m."""
+        ...
+
+    def set_damping(self, index: int, gain: float) -> None:
+        """Set the velocity feedback of a motor's drive, N m s/rad."""
+        ...
+
+    def set_brake(self, index: int, closed: bool) -> None:
+        """Close or open the brake of a motor."""
+        ...
+
+    def weaken_brake(self, index: int, share: float) -> None:
+        """Let the brake of a motor hold a share of its torque from the next closing on."""
+        ...
+
+    def slip_cable(self, index: int, length: float) -> None:
+        """Let so much more of a cable, m, be paid out at the same motor angle."""
+        ...
+
+    def catch_platform(self, caught: bool) -> None:
+        """Let something hold the platform where it is, or let it go again."""
+        ...
+
+    def motor_angles(self) -> FloatArray:
+        """Angles, rad. (m,)."""
+        ...
+
+    def motor_speeds(self) -> FloatArray:
+        """Speeds, rad/s. (m,)."""
+        ...
+
+    def motor_torques(self) -> FloatArray:
+        """Torques that the drives apply, N m. (m,)."""
+        ...
+
+    def tensions(self) -> FloatArray:
+        """Tensions of the cables, N. (m,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What encoders, drives and load cells sense at one moment, each as m plain numbers.
+
+    Attributes
+    ----------
+    angles, speeds, torques
+        At the motor shafts, rad, rad/s, N m.
+    tensions
+        True tensions of the cables, N.
+    """
+
+    angles: list[float]
+    speeds: list[float]
+    torques: list[float]
+    tensions: list[float]
+
+
+class SharedPlant:
+    """A plant, its lock, and the relation of its time to the clocks of this computer.
+
+    Whoever calls a method other than `now`, `time_at`, `align` and `arrive` holds `lock`.
+
+    Parameters
+    ----------
+    plant
+        The machine. Its time 0 is the moment at which this object is made.
+    payload_changes
+        Payloads that arrive by themselves.
+    steady_clock, system_clock
+        Clocks, s; the machine's by default. Plant time runs with the steady one; frames are stamped with the
+        system clock.
+
+    Attributes
+    ----------
+    lock
+        Serialises all access to the plant and to the devices around it.
+    failure
+        The error that ended the simulation, `None` while it runs.
+    inputs_at_once
+        Number of inputs at which those that have arrived are applied without waiting for the plant to move.
+    newest_measurement
+        What was sensed last; may be read without the lock.
+    """
+
+    def __init__(
+        self,
+        plant: PlantModel,
+        payload_changes: tuple[PayloadChange, ...] = (),
+        steady_clock: Callable[[], float] | None = None,
+        system_clock: Callable[[], float] | None = None,
+    ) -> None:
+        self.plant = plant
+        self.lock = threading.RLock()
+        self.failure: DriverError | None = None
+        self.inputs_at_once = 1
+        self._steady_clock = steady_clock or clock.monotonic
+        self._system_clock = system_clock or clock.time
+        self._steady_start = self._steady_clock()
+        self._system_start = self._system_clock()
+        self._arrived: deque[tuple[float, Callable[[], None]]] = deque()
+        self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
+        self._time = plant.time
+        self._measured = False
+        self.newest_measurement = self.measure()
+
+    @property
+    def time(self) -> float:
+        """Time to which the plant has been integrated, s."""
+        return self._time
+
+    def now(self) -> float:
+        """Return the present plant time, s."""
+        return self._steady_clock() - self._steady_start
+
+    def align(self) -> None:
+        """Compare the clocks again, as the system clock may be slewed or set; call it now and then."""
+        before = self._steady_clock()
+        system = self._system_clock()
+        after = self._steady_clock()
+        if after - before <= _SIMULTANEOUS:
+            self._system_start = system - (0.5 * (before + after) - self._steady_start)
+
+    def from_system_time(self, stamp: float) -> float:
+        """Return the plant time, s, of a moment on the system clock, s since 1970."""
+        return stamp - self._system_start
+
+    def to_system_time(self, time: float) -> float:
+        """Return the moment on the system clock, s since 1970, of a plant time."""
+        return time + self._system_start
+
+    def time_at(self, stamp: float) -> float:
+        """Return the plant time, s, at which a frame with this time stamp was on the bus."""
+        time = stamp - self._system_start
+        now = self._steady_clock() - self._steady_start
+        return time if abs(now - time) <= _LARGEST_FRAME_AGE else now
+
+    def advance(self, time: float, exactly: bool = False) -> None:
+        """Integrate to a time, s; payloads that are due arrive on the way.
+
+        Parameters
+        ----------
+        time
+            Plant time; earlier ones do nothing.
+        exactly
+            Whether the time must be met, as when encoders are latched. Otherwise a time less than half a
+            millisecond ahead is left for later: eight torques that arrive one by one are not worth eight steps.
+
+        Raises
+        ------
+        DriverError
+            If the plant cannot go on; `failure` keeps it.
+        """
+        self.apply_arrived(time)
+        if time - self._time <= (0.0 if exactly else _SIMULTANEOUS_INPUTS):
+            return
+        if self.failure is not None:
+            raise self.failure
+        try:
+            while self._payload_changes and self._payload_changes[0].time <= time:
+                change = self._payload_changes.pop(0)
+                self.plant.advance(change.time)
+                self.plant.set_payload(change.payload)
+            self.plant.advance(time)
+        except DriverError as error:
+            self.failure = error
+            raise
+        self._time = time
+        self._measured = False
+
+    def arrive(self, time: float, apply: Callable[[], None]) -> int:
+        """Keep an input that arrived at a plant time, s, until the plant passes it; needs no lock.
+
+        `apply` is called, with the lock held, when the plant is about to be integrated past that time, in the
+        order of arrival. To apply each input at once would keep the bus waiting for the plant eight times a cycle.
+
+        Returns
+        -------
+        int
+            How many inputs wait; `apply_arrived` applies them when there is time for it.
+        """
+        self._arrived.append((time, apply))
+        return len(self._arrived)
+
+    def apply_arrived(self, time: float) -> None:
+        """Apply the inputs that arrived up to a plant time, s."""
+        arrived = self._arrived
+        while arrived and arrived[0][0] <= time:
+            arrived.popleft()[1]()
+
+    def measure(self) -> Measurement:
+        """Return what can be sensed at `time`."""
+        if not self._measured:
+            plant = self.plant
+            self.newest_measurement = Measurement(
+                plant.motor_angles().tolist(),
+                plant.motor_speeds().tolist(),
+                plant.motor_torques().tolist(),
+                plant.tensions().tolist(),
+            )
+            self._measured = True
+        return self.newest_measurement
+
+    def change_payload(self, payload: Payload, time: float) -> None:
+        """Let a payload replace the present one at a plant time, s; a time in the past means at once."""
+        bisect.insort(self._payload_changes, PayloadChange(time, payload), key=lambda change: change.time)

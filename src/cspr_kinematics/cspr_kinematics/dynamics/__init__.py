@@ -1,0 +1,1 @@
+"""Statics and dynamics of the platform and its payload."""

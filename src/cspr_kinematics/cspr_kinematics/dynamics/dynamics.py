@@ -1,0 +1,142 @@
+"""Wrench that the cables must supply to hold or move the platform (eqs. 8-13; docs/model.md, section 4)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspr_kinematics.arrays import FloatArray, broadcast_batch, checked, frozen
+from cspr_kinematics.compiled import kernel_input
+from cspr_kinematics.dynamics._dynamics import (
+    GRAVITY_Z,
+    balance_regressors,
+    required_wrenches,
+    static_wrenches,
+)
+from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
+from cspr_kinematics.robot.rigid_body import Payload
+from cspr_kinematics.robot.robot import Robot
+
+GRAVITY = frozen(np.array([0.0, 0.0, GRAVITY_Z]))  # in base, m/s^2
+
+
+def required_wrench(
+    robot: Robot,
+    pose: Pose,
+    twist: Twist,
+    acceleration: Acceleration,
+    payload: Payload | None = None,
+    external_wrench: ArrayLike | None = None,
+) -> FloatArray:
+    """Return the cables' wrench for a motion: w = H [a; alpha] + C xdot - w_g - w_e.
+
+    Parameters
+    ----------
+    robot : Robot
+    pose : Pose
+    twist : Twist
+    acceleration : Acceleration
+    payload : Payload, optional
+        Carried besides the platform.
+    external_wrench : array_like, shape (..., 6), optional
+        w_e, force and moment about the platform's origin that the surroundings exert on it, in base axes,
+        N and N m.
+
+    Returns
+    -------
+    numpy.ndarray, shape (..., 6)
+        Force and moment about the platform's origin, in base axes, N and N m.
+
+    Raises
+    ------
+    InvalidInputError
+        If the batch axes do not broadcast, or the external wrench is not finite or has another shape.
+    """
+    batch, arrays = motion_arrays(pose, twist, acceleration)
+    wrench = np.empty((math.prod(batch), 6))
+    required_wrenches(total_parameters(robot, payload), *arrays, wrench)
+    return _less_external(wrench.reshape((*batch, 6)), external_wrench)
+
+
+def static_wrench(
+    robot: Robot,
+    pose: Pose,
+    payload: Payload | None = None,
+    external_wrench: ArrayLike | None = None,
+) -> FloatArray:
+    """Return the cables' wrench that holds the platform at rest: w = -w_g - w_e.
+
+    Parameters, result (..., 6) and errors are those of `required_wrench`.
+    """
+    n = math.prod(pose.batch_shape)
+    wrench = np.empty((n, 6))
+    static_wrenches(total_parameters(robot, payload), kernel_input(pose.rotation, n, 3, 3), wrench)
+    return _less_external(wrench.reshape(*pose.batch_shape, 6), external_wrench)
+
+
+def balance_regressor(pose: Pose, twist: Twist, acceleration: Acceleration) -> FloatArray:
+    """Return Y, with which the required wrench without external ones is w = Y pi.
+
+    pi are the ten inertial parameters of all that moves, `RigidBody.inertial_parameters`. Six equations an
+    instant do not determine them; along a motion that turns and accelerates they do. At rest only the columns
+    of mass and of the horizontal first moments are not zero.
+
+    Returns
+    -------
+    numpy.ndarray, shape (..., 6, 10)
+
+    Raises
+    ------
+    InvalidInputError
+        If the batch axes do not broadcast.
+    """
+    batch, arrays = motion_arrays(pose, twist, acceleration)
+    regressor = np.empty((math.prod(batch), 6, 10))
+    balance_regressors(*arrays, regressor)
+    return regressor.reshape(*batch, 6, 10)
+
+
+def total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
+    """Return the inertial parameters (10,) of platform and payload: about a common origin they add up."""
+    parameters = robot.platform.inertial_parameters
+    if payload is None or payload.mass == 0.0:
+        return parameters
+    total: FloatArray = parameters + payload.inertial_parameters
+    total.setflags(write=False)
+    return total
+
+
+def motion_arrays(
+    pose: Pose, twist: Twist, acceleration: Acceleration
+) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    """Return the common batch axes, and rotations, omega, a and alpha as kernels take them.
+
+    Raises
+    ------
+    InvalidInputError
+        If the batch axes do not broadcast.
+    """
+    batch = pose.batch_shape
+    Q, omega = pose.rotation, twist.angular
+    a, alpha = acceleration.linear, acceleration.angular
+    if twist.batch_shape != batch or acceleration.batch_shape != batch:
+        batch = broadcast_batch(pose=batch, twist=twist.batch_shape, acceleration=acceleration.batch_shape)
+        Q = np.broadcast_to(Q, (*batch, 3, 3))
+        omega, a, alpha = (np.broadcast_to(x, (*batch, 3)) for x in (omega, a, alpha))
+    n = math.prod(batch)
+    return batch, (
+        kernel_input(Q, n, 3, 3),
+        kernel_input(omega, n, 3),
+        kernel_input(a, n, 3),
+        kernel_input(alpha, n, 3),
+    )
+
+
+def _less_external(wrench: FloatArray, external_wrench: ArrayLike | None) -> FloatArray:
+    if external_wrench is None:
+        return wrench
+    external = checked("external_wrench", external_wrench, 6)
+    broadcast_batch(wrench=wrench.shape[:-1], external_wrench=external.shape[:-1])
+    return np.asarray(wrench - external)

@@ -1,0 +1,61 @@
+"""What the search for a pose without a guess starts from: orientations, a place, the plane of the frame."""
+
+from __future__ import annotations
+
+import functools
+import math
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from cspr_kinematics.arrays import FloatArray, frozen
+from cspr_kinematics.motion.so3 import rotation_from_vector
+from cspr_kinematics.robot.robot import Robot
+
+# Exit points count as lying in a plane when they are off it by less than this share of their extent.
+_FLATNESS = 0.1
+# Orientations tried besides that of the home pose: turned and tilted from it by these angles, rad.
+_TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4, 3.14)
+_TILTS = (0.0, 0.6, -0.6)
+
+
+class PoseSearch(NamedTuple):
+    """What the search without a guess starts from, and arrays of constant content for the kernels."""
+
+    frame: FloatArray  # (4,): the plane n^T x = d, n upwards, above which no platform hangs
+    starts: FloatArray  # (s, 3, 3)
+    center: FloatArray  # (3,): middle of the workspace
+    home: FloatArray  # (12,): position and rotation
+    ones: FloatArray  # (m,)
+    no_misfit: FloatArray  # (m + 1,)
+
+
+@functools.lru_cache(maxsize=16)
+def pose_search(robot: Robot) -> PoseSearch:
+    """Return what the search for poses of a robot starts from; computed once for each robot."""
+    m = robot.number_of_cables
+    base = robot.home.rotation
+    turned = [
+        rotation_from_vector(np.array([0.0, 0.0, turn])) @ base @ rotation_from_vector(np.array([x, y, 0.0]))
+        for turn, x, y in sorted(product(_TURNS, _TILTS, _TILTS), key=lambda v: math.hypot(*v))
+    ]
+    return PoseSearch(
+        frozen(_frame_plane(robot)),
+        frozen(np.array(turned)),
+        frozen(0.5 * (robot.workspace_min + robot.workspace_max)),
+        frozen(np.concatenate((robot.home.position, base.ravel()))),
+        frozen(np.ones(m)),
+        frozen(np.full(m + 1, np.inf)),
+    )
+
+
+def _frame_plane(robot: Robot) -> FloatArray:
+    """Return (n, d) of the exit points' plane, or of the level one through the highest if they form none."""
+    exits = robot.exit_points
+    middle = exits.mean(axis=0)
+    _, extents, axes = np.linalg.svd(exits - middle)
+    normal = axes[2] * np.sign(axes[2, 2])
+    if extents[2] < _FLATNESS * extents[1] and normal[2] > 0.5:
+        return np.append(normal, normal @ middle)
+    return np.array([0.0, 0.0, 1.0, exits[:, 2].max()])

@@ -1,0 +1,1 @@
+"""Poses, rotations, twists and motions."""

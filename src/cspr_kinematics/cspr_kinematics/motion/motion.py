@@ -1,0 +1,191 @@
+"""Pose, twist and acceleration that belong together, from Euler angles, quaternions or samples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspr_kinematics.arrays import FloatArray, broadcast_batch, checked
+from cspr_kinematics.errors import InvalidInputError
+from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
+from cspr_kinematics.motion.so3 import cross, rotation_from_euler
+
+# A quaternion shorter than this has no direction left that rounding has not touched.
+_SHORTEST_QUATERNION = 1e-6
+
+
+class Motion(NamedTuple):
+    """State of motion of the platform: what `required_wrench` takes."""
+
+    pose: Pose
+    twist: Twist
+    acceleration: Acceleration
+
+
+def motion_from_euler(
+    position: ArrayLike,
+    velocity: ArrayLike,
+    acceleration: ArrayLike,
+    angles: ArrayLike,
+    angle_rates: ArrayLike,
+    angle_accelerations: ArrayLike,
+) -> Motion:
+    """Return the motion of a platform with Q = Rz(alpha) Ry(beta) Rx(gamma) (eq. 4).
+
+    The angular velocity is the sum of the three rates, each about its own axis as the rotations before it
+    carry it: omega = alpha' z + beta' Rz y + gamma' Rz Ry x. The angular acceleration adds the turning of
+    those axes.
+
+    Parameters
+    ----------
+    position, velocity, acceleration : array_like, shape (..., 3)
+        Of the platform's origin in base, m, m/s and m/s^2.
+    angles, angle_rates, angle_accelerations : array_like, shape (..., 3)
+        alpha, beta, gamma, and their first and second derivatives in time, rad, rad/s and rad/s^2.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is not finite or has another shape, or the batch axes do not broadcast.
+    """
+    p, v, a = _linear(position, velocity, acceleration)
+    q, qd, qdd = (
+        checked(name, value, 3)
+        for name, value in (
+            ("angles", angles),
+            ("angle_rates", angle_rates),
+            ("angle_accelerations", angle_accelerations),
+        )
+    )
+    batch = broadcast_batch(
+        angles=q.shape[:-1], angle_rates=qd.shape[:-1], angle_accelerations=qdd.shape[:-1]
+    )
+    q, qd, qdd = (np.broadcast_to(x, (*batch, 3)) for x in (q, qd, qdd))
+    sin, cos = np.sin(q), np.cos(q)
+    zero, one = np.zeros(batch), np.ones(batch)
+    z = np.stack((zero, zero, one), axis=-1)
+    y = np.stack((-sin[..., 0], cos[..., 0], zero), axis=-1)
+    x = np.stack((cos[..., 0] * cos[..., 1], sin[..., 0] * cos[..., 1], -sin[..., 1]), axis=-1)
+    about_z = qd[..., :1] * z
+    about_zy = about_z + qd[..., 1:2] * y
+    omega = about_zy + qd[..., 2:] * x
+    alpha = (
+        qdd[..., :1] * z
+        + qdd[..., 1:2] * y
+        + qdd[..., 2:] * x
+        + qd[..., 1:2] * cross(about_z, y)
+        + qd[..., 2:] * cross(about_zy, x)
+    )
+    rotation = rotation_from_euler(q[..., 0], q[..., 1], q[..., 2])
+    return Motion(Pose(p, rotation), Twist(v, omega), Acceleration(a, alpha))
+
+
+def motion_from_quaternion(
+    position: ArrayLike,
+    velocity: ArrayLike,
+    acceleration: ArrayLike,
+    quaternion_xyzw: ArrayLike,
+    quaternion_rate: ArrayLike,
+    quaternion_acceleration: ArrayLike,
+) -> Motion:
+    """Return the motion of a platform whose orientation is a quaternion and its derivatives in time.
+
+    With q any quaternion curve, not only of unit norm (its direction is the rotation):
+    omega = 2 vec(q' q*) / |q|^2, alpha = 2 vec(q'' q*) / |q|^2 - 2 (q . q') / |q|^2 omega.
+
+    Parameters
+    ----------
+    position, velocity, acceleration : array_like, shape (..., 3)
+        Of the platform's origin in base, m, m/s and m/s^2.
+    quaternion_xyzw, quaternion_rate, quaternion_acceleration : array_like, shape (..., 4)
+        In the order x, y, z, w of ROS messages.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is not finite or has another shape, the batch axes do not broadcast, or a quaternion is
+        zero.
+    """
+    p, v, a = _linear(position, velocity, acceleration)
+    q, qd, qdd = (
+        checked(name, value, 4)
+        for name, value in (
+            ("quaternion_xyzw", quaternion_xyzw),
+            ("quaternion_rate", quaternion_rate),
+            ("quaternion_acceleration", quaternion_acceleration),
+        )
+    )
+    broadcast_batch(
+        quaternion_xyzw=q.shape[:-1],
+        quaternion_rate=qd.shape[:-1],
+        quaternion_acceleration=qdd.shape[:-1],
+    )
+    square = np.einsum("...i,...i->...", q, q)[..., None]
+    if square.size and square.min() < _SHORTEST_QUATERNION**2:
+        raise InvalidInputError("quaternion_xyzw", q, "a quaternion of no length is no rotation")
+    omega = 2.0 * _vector_of_product(qd, q) / square
+    growth = 2.0 * np.einsum("...i,...i->...", q, qd)[..., None] / square
+    alpha = 2.0 * _vector_of_product(qdd, q) / square - growth * omega
+    rotation = Pose.from_quaternion(np.zeros(3), q / np.sqrt(square)).rotation
+    return Motion(Pose(p, rotation), Twist(v, omega), Acceleration(a, alpha))
+
+
+class PoseSpline:
+    """A smooth trajectory through sampled poses, with the twist and acceleration that belong to it.
+
+    Splines of the fifth degree (of the third for four or five samples) through positions and quaternions; the
+    rotation is the direction of the quaternion's spline, so that pose, twist and acceleration agree exactly.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        Increasing, s; at least four.
+    poses : Pose
+        A batch of n.
+
+    Raises
+    ------
+    InvalidInputError
+        If times do not increase or do not fit the poses. From a call, if a time lies outside the samples.
+    """
+
+    def __init__(self, times: ArrayLike, poses: Pose) -> None:
+        from scipy.interpolate import make_interp_spline  # as long to import as all the rest
+
+        t = checked("times", times)
+        if t.ndim != 1 or poses.batch_shape != t.shape or len(t) < 4:
+            raise InvalidInputError(
+                "times", t, f"shape {t.shape} for poses {poses.batch_shape}; at least four of each are needed"
+            )
+        if np.any(np.diff(t) <= 0.0):
+            raise InvalidInputError("times", t, "must increase")
+        q = poses.quaternion
+        # of the two quaternions of a rotation the one nearer to the sample before
+        turns = np.sign(np.einsum("ni,ni->n", q[1:], q[:-1]))
+        q[1:] *= np.cumprod(np.where(turns == 0.0, 1.0, turns))[:, None]
+        degree = 5 if len(t) >= 6 else 3
+        self._splines = [make_interp_spline(t, np.concatenate((poses.position, q), axis=1), k=degree)]
+        self._splines += [self._splines[0].derivative(order) for order in (1, 2)]
+        self._range = float(t[0]), float(t[-1])
+
+    def __call__(self, time: ArrayLike) -> Motion:
+        """Return the motion at one time or an array of them, s."""
+        t = checked("time", time)
+        first, last = self._range
+        if t.size and (t.min() < first or t.max() > last):
+            raise InvalidInputError("time", t, f"outside the samples, {first:g} to {last:g} s")
+        x, v, a = (np.asarray(spline(t), dtype=np.float64) for spline in self._splines)
+        return motion_from_quaternion(x[..., :3], v[..., :3], a[..., :3], x[..., 3:], v[..., 3:], a[..., 3:])
+
+
+def _linear(*vectors: ArrayLike) -> list[FloatArray]:
+    names = ("position", "velocity", "acceleration")
+    return [checked(name, value, 3) for name, value in zip(names, vectors, strict=True)]
+
+
+def _vector_of_product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Vector part (..., 3) of the product of the quaternions a and conjugate b, in the order x, y, z, w."""
+    product: FloatArray = b[..., 3:] * a[..., :3] - a[..., 3:] * b[..., :3] - cross(a[..., :3], b[..., :3])
+    return product

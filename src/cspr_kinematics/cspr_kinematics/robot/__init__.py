@@ -1,0 +1,1 @@
+"""The robot: geometry, cables, pulleys, winches, bodies, and the file that describes them."""

@@ -1,0 +1,145 @@
+"""From points and pulleys to the geometry the kernels work on, and from their faults to errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspr_kinematics.arrays import FloatArray, checked, frozen
+from cspr_kinematics.compiled import kernel_input
+from cspr_kinematics.errors import CableReachError, InvalidInputError
+from cspr_kinematics.motion.pose import Pose
+from cspr_kinematics.robot._cable_paths import (
+    BEYOND_RANGE,
+    INSIDE_PULLEY,
+    NO_LENGTH,
+    ON_SWIVEL_AXIS,
+    PATH_EXISTS,
+    lengths_at_poses,
+)
+from cspr_kinematics.robot.pulleys import Pulleys
+
+MINIMUM_CABLES = 6
+_REASONS = {
+    NO_LENGTH: "its anchor point coincides with its exit point and the cable has no length",
+    INSIDE_PULLEY: "cannot reach its pulley; the anchor point lies inside it",
+    ON_SWIVEL_AXIS: "its anchor point lies on the swivel axis, where the pulley has no direction",
+    BEYOND_RANGE: "its length exceeds the range of numbers",
+}
+
+
+def path_geometry(exit_points: FloatArray, anchor_points: FloatArray, pulleys: Pulleys) -> FloatArray:
+    """Return the geometry array (m, 10) of `kernels.cable_kernels`.
+
+    Raises
+    ------
+    InvalidInputError
+        If the pulleys are those of another number of cables.
+    """
+    m = len(exit_points)
+    radii, axes = pulleys.radii(m), pulleys.axes(m)
+    return frozen(np.concatenate((exit_points, anchor_points, radii[:, None], axes), axis=1))
+
+
+def path_error(fault: int, cable: int, member: int, pose: Pose) -> CableReachError:
+    """Return the error for a fault of cable index `cable` at the flat index `member` of a batch of poses."""
+    index = tuple(int(i) for i in np.unravel_index(member, pose.batch_shape)) if pose.batch_shape else ()
+    return CableReachError(_REASONS[fault], cable + 1, pose.position[index], pose.rotation[index], index)
+
+
+def path_lengths(geometry: FloatArray, pose: Pose) -> FloatArray:
+    """Return cable lengths (..., m) for a geometry array (m, 10), m.
+
+    Raises
+    ------
+    CableReachError
+        If a cable has no path.
+    """
+    batch = pose.batch_shape
+    n = math.prod(batch)
+    lengths = np.empty((*batch, len(geometry)))
+    fault, cable, member = lengths_at_poses(
+        geometry,
+        kernel_input(pose.position, n, 3),
+        kernel_input(pose.rotation, n, 3, 3),
+        lengths.reshape(n, len(geometry)),
+    )
+    if fault != PATH_EXISTS:
+        raise path_error(fault, cable, member, pose)
+    return lengths
+
+
+def home_lengths(
+    exit_points: ArrayLike, anchor_points: ArrayLike, home: Pose, pulleys: Pulleys | None = None
+) -> FloatArray:
+    """Return the cable lengths (m,) at a home pose, which are the zero of the winches, m.
+
+    For whoever builds a robot from other points than a file's: `Winch.home_lengths` must fit them, and with
+    pulleys they are not the distances of the points.
+
+    Parameters
+    ----------
+    exit_points, anchor_points : array_like, shape (m, 3)
+        In base and in platform, m.
+    home : Pose
+        A single pose.
+    pulleys : Pulleys, optional
+        None for fixed exit points.
+
+    Raises
+    ------
+    InvalidInputError
+        If the points do not fit each other or the pulleys, home is a batch, or a cable has no path there.
+    """
+    exits, anchors = (
+        checked_points("exit_points", exit_points),
+        checked_points("anchor_points", anchor_points),
+    )
+    check_cables(exits, anchors)
+    if home.batch_shape:
+        raise InvalidInputError("home", home.position, "must be a single pose")
+    geometry = path_geometry(exits, anchors, Pulleys.none() if pulleys is None else pulleys)
+    try:
+        return path_lengths(geometry, home)
+    except CableReachError as error:
+        raise InvalidInputError(
+            "home", home.position, f"cable {error.cable} has no length at this pose; {error.fault}"
+        ) from error
+
+
+def checked_points(name: str, value: ArrayLike) -> FloatArray:
+    """Return points (m, 3) as a read-only array.
+
+    Raises
+    ------
+    InvalidInputError
+        If they are not finite or have another shape.
+    """
+    points = checked(name, value, 3)
+    if points.ndim != 2:
+        raise InvalidInputError(name, value, f"shape {points.shape} where (m, 3) is needed")
+    return frozen(points)
+
+
+def check_cables(exit_points: FloatArray, anchor_points: FloatArray) -> None:
+    """Refuse points (m, 3) that are too few, or do not belong to each other.
+
+    Raises
+    ------
+    InvalidInputError
+        With fewer than 6 cables, or not as many anchor points as exit points.
+    """
+    if len(exit_points) < MINIMUM_CABLES:
+        raise InvalidInputError(
+            "exit_points",
+            exit_points,
+            f"{len(exit_points)} cables; six degrees of freedom take at least {MINIMUM_CABLES}",
+        )
+    if len(anchor_points) != len(exit_points):
+        raise InvalidInputError(
+            "anchor_points",
+            anchor_points,
+            f"{len(anchor_points)} anchor points for {len(exit_points)} exit points",
+        )

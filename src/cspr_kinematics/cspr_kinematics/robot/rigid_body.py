@@ -1,0 +1,194 @@
+"""The platform as a rigid body, and what it carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspr_kinematics.arrays import (
+    FloatArray,
+    ReadOnlyArrays,
+    checked,
+    frozen,
+    non_negative_number,
+    positive_number,
+)
+from cspr_kinematics.errors import InvalidInputError
+
+# Rounding allowance, relative to the largest element, in the tests of what an inertia must be.
+_INERTIA_TOLERANCE = 1e-9
+# Where the elements of an inertia tensor stand among the inertial parameters.
+TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody(ReadOnlyArrays):
+    """Mass properties of a rigid body, in platform axes.
+
+    Attributes
+    ----------
+    mass : float
+        Mass, kg.
+    center_of_mass : numpy.ndarray, shape (3,)
+        c_p, from the platform's origin, m.
+    inertia : numpy.ndarray, shape (3, 3)
+        I_G, the inertia tensor about the centre of mass, kg m^2. Its off-diagonal elements are the
+        negatives of the products of inertia.
+
+    Raises
+    ------
+    InvalidInputError
+        If the mass is not positive, a value is not finite or has another shape, or the inertia is one that
+        no body can have.
+    """
+
+    mass: float
+    center_of_mass: FloatArray
+    inertia: FloatArray
+
+    def __init__(self, mass: float, center_of_mass: ArrayLike, inertia: ArrayLike) -> None:
+        object.__setattr__(self, "mass", positive_number("mass", mass))
+        object.__setattr__(self, "center_of_mass", _single_vector("center_of_mass", center_of_mass))
+        object.__setattr__(self, "inertia", _inertia("inertia", inertia))
+
+    @cached_property
+    def first_moment(self) -> FloatArray:
+        """Mass times centre of mass, shape (3,), kg m."""
+        return frozen(self.mass * self.center_of_mass)
+
+    @cached_property
+    def inertia_about_origin(self) -> FloatArray:
+        """Inertia tensor about the platform's origin, shape (3, 3), kg m^2 (MODEL section 4, I_P)."""
+        return frozen(self.inertia + point_inertia(self.mass, self.center_of_mass))
+
+    @cached_property
+    def inertial_parameters(self) -> FloatArray:
+        """The ten parameters that the wrench is linear in, shape (10,), in platform axes.
+
+        Mass, first moment (3), and of the inertia tensor about the platform's origin Ixx, Ixy, Ixz, Iyy, Iyz,
+        Izz.
+        """
+        return _parameters(self.mass, self.first_moment, self.inertia_about_origin)
+
+    @classmethod
+    def from_inertial_parameters(cls, parameters: ArrayLike) -> RigidBody:
+        """Build the body that has given inertial parameters (10,), the inverse of `inertial_parameters`.
+
+        Raises
+        ------
+        InvalidInputError
+            If no body has them: mass or principal moments are not positive, or two moments add to less than
+            the third.
+        """
+        pi = checked("inertial parameters", parameters, 10)
+        if pi.ndim != 1:
+            raise InvalidInputError(
+                "inertial parameters", parameters, f"shape {pi.shape} where (10,) is needed"
+            )
+        mass = positive_number("mass", pi[0])
+        center = pi[1:4] / mass
+        about_origin = pi[TENSOR_PLACES]
+        return cls(mass, center, about_origin - point_inertia(mass, center))
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(ReadOnlyArrays):
+    """What the platform carries: a point mass fixed to it.
+
+    Attributes
+    ----------
+    mass : float
+        Mass, kg; zero for nothing.
+    center_of_mass : numpy.ndarray, shape (3,)
+        Its place from the platform's origin in platform axes, m.
+
+    Raises
+    ------
+    InvalidInputError
+        If the mass is negative, or a value is not finite or has another shape.
+    """
+
+    mass: float
+    center_of_mass: FloatArray
+
+    def __init__(self, mass: float, center_of_mass: ArrayLike) -> None:
+        object.__setattr__(self, "mass", non_negative_number("payload mass", mass))
+        object.__setattr__(self, "center_of_mass", _single_vector("payload center_of_mass", center_of_mass))
+
+    @classmethod
+    def none(cls) -> Payload:
+        """No payload."""
+        return cls(0.0, np.zeros(3))
+
+    @cached_property
+    def first_moment(self) -> FloatArray:
+        """Mass times centre of mass, shape (3,), kg m."""
+        return frozen(self.mass * self.center_of_mass)
+
+    @cached_property
+    def inertia_about_origin(self) -> FloatArray:
+        """Inertia tensor about the platform's origin, shape (3, 3), kg m^2."""
+        return frozen(point_inertia(self.mass, self.center_of_mass))
+
+    @cached_property
+    def inertial_parameters(self) -> FloatArray:
+        """The ten parameters that the wrench is linear in, shape (10,), in platform axes.
+
+        Mass, first moment (3), and of the inertia tensor about the platform's origin Ixx, Ixy, Ixz, Iyy, Iyz,
+        Izz.
+        """
+        return _parameters(self.mass, self.first_moment, self.inertia_about_origin)
+
+
+def point_inertia(mass: float, position: FloatArray) -> FloatArray:
+    """Inertia tensor (3, 3) about the origin of a point mass at `position` (3,), kg m^2."""
+    return np.asarray(mass * ((position @ position) * np.eye(3) - np.outer(position, position)))
+
+
+def _parameters(mass: float, first_moment: FloatArray, inertia: FloatArray) -> FloatArray:
+    return frozen(np.concatenate(([mass], first_moment, inertia[np.triu_indices(3)])))
+
+
+def combine(body: RigidBody, payload: Payload) -> RigidBody:
+    """Return the rigid body that `body` and the point mass `payload` form together.
+
+    The two inertias about the common centre of mass add to that of `body` about its own and that of the
+    reduced mass at the distance of the two (parallel axes).
+    """
+    mass = body.mass + payload.mass
+    center = (body.first_moment + payload.first_moment) / mass
+    reduced_mass = body.mass * payload.mass / mass
+    offset = payload.center_of_mass - body.center_of_mass
+    return RigidBody(mass, center, body.inertia + point_inertia(reduced_mass, offset))
+
+
+def _single_vector(name: str, value: ArrayLike) -> FloatArray:
+    vector = checked(name, value, 3)
+    if vector.ndim != 1:
+        raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
+    return frozen(vector)
+
+
+def _inertia(name: str, value: ArrayLike) -> FloatArray:
+    inertia = checked(name, value, 3, 3)
+    if inertia.ndim != 2:
+        raise InvalidInputError(name, value, f"shape {inertia.shape} where (3, 3) is needed")
+    tolerance = _INERTIA_TOLERANCE * np.abs(inertia).max()
+    if np.abs(inertia - inertia.T).max() > tolerance:
+        raise InvalidInputError(name, value, "no body has this inertia: not symmetric")
+    principal = np.linalg.eigvalsh(inertia)
+    shown = ", ".join(f"{moment:.6g}" for moment in principal)
+    if principal[0] <= 0.0:
+        raise InvalidInputError(
+            name, value, f"no body has this inertia: principal moments {shown} are not all positive"
+        )
+    if principal[0] + principal[1] < principal[2] - tolerance:
+        raise InvalidInputError(
+            name,
+            value,
+            f"no body has this inertia: of the principal moments {shown} two add to less than the third",
+        )
+    return frozen(inertia)

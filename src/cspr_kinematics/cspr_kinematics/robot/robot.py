@@ -1,0 +1,208 @@
+"""The robot: geometry, platform, winches, motors and limits, validated and immutable."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspr_kinematics.arrays import (
+    FloatArray,
+    ReadOnlyArrays,
+    checked,
+    frozen,
+    non_negative_number,
+    positive_number,
+)
+from cspr_kinematics.errors import InvalidInputError
+from cspr_kinematics.motion.pose import Pose
+from cspr_kinematics.robot.cable_paths import check_cables, checked_points, home_lengths, path_geometry
+from cspr_kinematics.robot.pulleys import Pulleys
+from cspr_kinematics.robot.rigid_body import RigidBody
+from cspr_kinematics.robot.robot_description import read_robot, robot_section
+from cspr_kinematics.robot.robot_file import read_yaml
+from cspr_kinematics.robot.winch import Motor, Winch
+
+# A winch whose zero is off by more than this was not set up for this home pose, m.
+_HOME_LENGTH_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Robot(ReadOnlyArrays):
+    """A cable-suspended parallel robot with m cables, from fixed exit points or over swivelling pulleys.
+
+    Attributes
+    ----------
+    name : str
+    exit_points : numpy.ndarray, shape (m, 3)
+        a_i in base, where the cable leaves the frame, or runs onto its pulley, m.
+    anchor_points : numpy.ndarray, shape (m, 3)
+        b_i in platform, m.
+    frame_size : numpy.ndarray, shape (3,)
+        Outer dimensions of the frame along base x, y, z, m.
+    platform : RigidBody
+        The platform without payload.
+    platform_size : numpy.ndarray, shape (3,)
+        Outer dimensions of the platform along its axes, m.
+    winch : Winch
+    motor : Motor
+    tension_min, tension_max : float
+        Limits of every cable's tension, N.
+    home : Pose
+        Where all motor angles are zero.
+    workspace_min, workspace_max : numpy.ndarray, shape (3,)
+        Bounds of the platform's origin in base, m.
+    trajectory_center : numpy.ndarray, shape (3,)
+        Place in base about which the test trajectories run, m.
+    pulleys : Pulleys
+        At the exit points; by default of radius 0, which is no pulley.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is not finite or has another shape; with fewer than 6 cables, or not as many anchor
+        points or pulleys as exit points; if limits are not in order, the home pose or the trajectories'
+        centre lies outside the workspace, or the winch's home lengths are not the cable lengths at the home
+        pose.
+    """
+
+    name: str
+    exit_points: FloatArray
+    anchor_points: FloatArray
+    frame_size: FloatArray
+    platform: RigidBody
+    platform_size: FloatArray
+    winch: Winch
+    motor: Motor
+    tension_min: float
+    tension_max: float
+    home: Pose
+    workspace_min: FloatArray
+    workspace_max: FloatArray
+    trajectory_center: FloatArray
+    pulleys: Pulleys = field(default_factory=Pulleys.none)
+
+    def __post_init__(self) -> None:
+        self._set("exit_points", checked_points("exit_points", self.exit_points))
+        self._set("anchor_points", checked_points("anchor_points", self.anchor_points))
+        check_cables(self.exit_points, self.anchor_points)
+        for name in ("frame_size", "platform_size", "workspace_min", "workspace_max", "trajectory_center"):
+            self._set(name, _vector(name, getattr(self, name)))
+        for name in ("frame_size", "platform_size"):
+            if getattr(self, name).min() <= 0.0:
+                raise InvalidInputError(name, getattr(self, name), "every dimension must be positive")
+        self._set("tension_min", non_negative_number("tension_min", self.tension_min))
+        self._set("tension_max", positive_number("tension_max", self.tension_max))
+        if self.tension_min >= self.tension_max:
+            raise InvalidInputError(
+                "tension_min", self.tension_min, f"must be below tension_max = {self.tension_max}"
+            )
+        self._check_workspace()
+        self._check_home()
+
+    @property
+    def number_of_cables(self) -> int:
+        """The number of cables, m."""
+        return len(self.exit_points)
+
+    @cached_property
+    def path_geometry(self) -> FloatArray:
+        """What the kernels know of the cables, (m, 10): exit and anchor points, pulley radii, swivel axes."""
+        return path_geometry(self.exit_points, self.anchor_points, self.pulleys)
+
+    def with_geometry(
+        self,
+        *,
+        exit_points: ArrayLike | None = None,
+        anchor_points: ArrayLike | None = None,
+        pulleys: Pulleys | None = None,
+        home: Pose | None = None,
+    ) -> Robot:
+        """Return this robot with other points, pulleys or home pose, and the winches' zero set for them.
+
+        Raises
+        ------
+        InvalidInputError
+            As the constructor.
+        """
+        exits = self.exit_points if exit_points is None else checked_points("exit_points", exit_points)
+        anchors = (
+            self.anchor_points if anchor_points is None else checked_points("anchor_points", anchor_points)
+        )
+        pulleys = self.pulleys if pulleys is None else pulleys
+        home = self.home if home is None else home
+        lengths = home_lengths(exits, anchors, home, pulleys)
+        return dataclasses.replace(
+            self,
+            exit_points=exits,
+            anchor_points=anchors,
+            pulleys=pulleys,
+            home=home,
+            winch=dataclasses.replace(self.winch, home_lengths=lengths),
+        )
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> Robot:
+        """Read a robot from a YAML file; `config/robot.yaml` documents the keys.
+
+        Raises
+        ------
+        RobotFileError
+            If the file is missing or not YAML, and for each value that cannot be used, naming file, key
+            and value.
+        """
+        return cls.from_mapping(read_yaml(path), source=str(path))
+
+    @classmethod
+    def from_mapping(cls, mapping: object, source: str = "robot description") -> Robot:
+        """Build a robot from the content of its YAML file.
+
+        Parameters
+        ----------
+        mapping : object
+            What the YAML file holds: a mapping with exactly the documented keys.
+        source : str
+            Where it came from, for errors.
+
+        Raises
+        ------
+        RobotFileError
+            For each value that cannot be used, naming source, key and value.
+        """
+        top = robot_section(mapping, source)
+        values = read_robot(top)
+        with top.constructing():
+            return cls(**values)
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _check_workspace(self) -> None:
+        if np.any(self.workspace_min >= self.workspace_max):
+            raise InvalidInputError(
+                "workspace_min",
+                self.workspace_min,
+                f"must be below workspace_max = {self.workspace_max.tolist()} in every direction",
+            )
+        for name, point in (("home", self.home.position), ("trajectory_center", self.trajectory_center)):
+            if np.any(point < self.workspace_min) or np.any(point > self.workspace_max):
+                raise InvalidInputError(name, point, "outside workspace_min to workspace_max")
+
+    def _check_home(self) -> None:
+        lengths = home_lengths(self.exit_points, self.anchor_points, self.home, self.pulleys)
+        given = self.winch.home_lengths
+        if given.shape != lengths.shape or np.abs(given - lengths).max() > _HOME_LENGTH_TOLERANCE:
+            raise InvalidInputError(
+                "winch", given, f"home_lengths must be the cable lengths at home, {lengths.tolist()}"
+            )
+
+
+def _vector(name: str, value: ArrayLike) -> FloatArray:
+    vector = checked(name, value, 3)
+    if vector.ndim != 1:
+        raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
+    return frozen(vector)

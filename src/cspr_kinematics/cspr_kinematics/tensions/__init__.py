@@ -1,0 +1,1 @@
+"""Distribution of a wrench over the cables."""

@@ -1,0 +1,204 @@
+"""Distribution of a wrench over the cables (eq. 15; MODEL section 4)."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspr_kinematics.arrays import FloatArray, as_floats, broadcast_batch, checked
+from cspr_kinematics.compiled import in_batch, in_chunks, kernel_input
+from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
+from cspr_kinematics.tensions._batch import ANALYTIC_CENTER, CENTROID, CLOSEST, MINIMUM_NORM, distribute_batch
+from cspr_kinematics.tensions._bounded import SINGULAR
+from cspr_kinematics.tensions.result import TensionResult
+
+Method = Literal["minimum_norm", "closest", "centroid", "analytic_center"]
+
+METHODS: tuple[Method, ...] = get_args(Method)
+_CODES: dict[str, int] = {
+    "minimum_norm": MINIMUM_NORM,
+    "closest": CLOSEST,
+    "centroid": CENTROID,
+    "analytic_center": ANALYTIC_CENTER,
+}
+_EQUAL_WEIGHTS = kernel_input(np.ones(6), 6)
+_MOST_CABLES_WITH_CENTROID = 8
+# Below this many problems a thread costs more than it saves.
+_LEAST_PER_THREAD = 500
+
+
+def bounded_methods(number_of_cables: int) -> tuple[Method, ...]:
+    """Return the methods that keep tensions within the limits, for a robot with so many cables."""
+    known = [method for method in METHODS if method != "minimum_norm"]
+    return tuple(m for m in known if m != "centroid" or number_of_cables <= _MOST_CABLES_WITH_CENTROID)
+
+
+def distribute_tensions(
+    wrench_matrix: ArrayLike,
+    wrench: ArrayLike,
+    t_min: ArrayLike,
+    t_max: ArrayLike,
+    method: Method = "minimum_norm",
+    *,
+    reference: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    threads: int = 1,
+) -> TensionResult:
+    """Return tensions t with A t = w, or as near to it as the method can get.
+
+    `minimum_norm`: t = A^+ w (eq. 15), whatever sign and size it has; `feasible` tells. The other methods
+    keep t inside the limits:
+
+    - `closest`: of all feasible tensions the nearest to the reference; with the default reference of zero
+      those of least norm, A^+ w itself where that is inside the limits.
+    - `centroid`: the centre of area of all feasible tensions, far from the limits; for 6 to 8 cables.
+    - `analytic_center`: the feasible tensions with the largest product of distances to the limits; for any
+      number of cables, and smooth along a trajectory where the others have kinks.
+
+    Where no tensions inside the limits give the wrench, these three return the ones of least weighted wrench
+    error, with a direction that proves it (`TensionResult.separating_direction`). At the border of what is
+    feasible the two answers meet, so that tensions are continuous along a trajectory that crosses it. Each
+    takes at most 20 m + 100 steps of its solvers.
+
+    Parameters
+    ----------
+    wrench_matrix : array_like, shape (..., 6, m)
+        A.
+    wrench : array_like, shape (..., 6)
+        w, the wrench the cables shall supply.
+    t_min, t_max : float or array_like, shape (..., m)
+        Limits of the tensions, N.
+    method : {"minimum_norm", "closest", "centroid", "analytic_center"}
+    reference : float or array_like, shape (..., m), optional
+        Tensions that `closest` shall come near to, N. The other bounded methods use it where the wrench is
+        out of reach and the cables still leave a choice.
+    weights : array_like, shape (6,), optional
+        Positive weights of the squared components of the wrench error where the wrench is out of reach;
+        by default newton and newton metre count alike.
+    threads : int
+        Number of threads among which a batch is shared.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is not finite or has another shape, batch axes do not broadcast, a lower limit is not
+        below its upper one, a weight is not positive, the method is unknown, or `centroid` is asked for more
+        than 8 cables.
+    SingularWrenchMatrixError
+        If a wrench matrix has lost a rank: the cables cannot hold the platform against every wrench there,
+        whatever their tensions.
+    """
+    if method not in METHODS:
+        raise InvalidInputError("method", method, f"known are {', '.join(METHODS)}")
+    w, A = as_floats("wrench", wrench, 6), as_floats("wrench_matrix", wrench_matrix)
+    if A.ndim < 2 or A.shape[-2] != 6 or A.shape[-1] < 6:
+        raise InvalidInputError(
+            "wrench_matrix", wrench_matrix, f"shape {A.shape} where (..., 6, m) with m >= 6 is needed"
+        )
+    m, code = A.shape[-1], _CODES[method]
+    if method == "centroid" and m > _MOST_CABLES_WITH_CENTROID:
+        raise InvalidInputError(
+            "method", method, f"for at most {_MOST_CABLES_WITH_CENTROID} cables, not {m}; use analytic_center"
+        )
+    batch = A.shape[:-2]
+    if w.shape[:-1] != batch:
+        batch = broadcast_batch(wrench_matrix=batch, wrench=w.shape[:-1])
+    shape, n = (*batch, m), math.prod(batch)
+    problem = _stacked(A, batch, 6, m), _stacked(w, batch, 6), *_limits(t_min, t_max, shape)
+    preferences = _per_cable("reference", reference, shape), _checked_weights(weights)
+    tensions, direction, separation = np.empty((n, m)), np.empty((n, 6)), np.empty(n)
+    status, steps = np.empty(n, np.int64), np.empty(n, np.int64)
+    residual_wrench, residual, margin = np.empty((n, 6)), np.empty(n), np.empty(n)
+    active, feasible = np.empty((n, m), np.int8), np.empty(n, np.bool_)
+    answer: list[Any] = [tensions, status, steps, direction, separation]
+    answer += [residual_wrench, residual, margin, active, feasible]
+
+    def work(first: int, after_last: int) -> None:
+        done.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
+
+    done: list[tuple[int, bool]] = []
+    in_chunks(work, n, threads, _LEAST_PER_THREAD)
+    for singular, finite in done:
+        if singular or not finite:
+            checked("wrench", w)
+            checked("wrench_matrix", A)
+        if singular:
+            raise _singular(problem[0], status, batch)
+        if not finite:
+            raise InvalidInputError(
+                "wrench", w, "with these limits and weights the tensions exceed the range of numbers"
+            )
+    return TensionResult(
+        in_batch(tensions, batch),
+        in_batch(feasible, batch),
+        in_batch(residual, batch),
+        in_batch(residual_wrench, batch),
+        in_batch(margin, batch),
+        in_batch(active, batch),
+        in_batch(status, batch),
+        in_batch(steps, batch),
+        in_batch(direction, batch),
+        in_batch(separation, batch),
+    )
+
+
+def _stacked(array: FloatArray, batch: tuple[int, ...], *own: int) -> FloatArray:
+    """Return `array` with the batch as one axis; of size 1 if all of the batch share it."""
+    if array.ndim == len(own):
+        return kernel_input(array, 1, *own)
+    if array.shape[: -len(own)] != batch:
+        array = np.broadcast_to(array, (*batch, *own))
+    return kernel_input(array, -1, *own)
+
+
+def _limits(t_min: Any, t_max: Any, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the limits for each cable, as `_per_cable`."""
+    low, high = _per_cable("t_min", t_min, shape), _per_cable("t_max", t_max, shape)
+    wrong = t_min >= t_max if isinstance(t_min, float) and isinstance(t_max, float) else (low >= high).any()
+    if wrong:
+        raise InvalidInputError("t_min", t_min, f"must be below t_max = {t_max}")
+    return low, high
+
+
+def _per_cable(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Return a value for each cable, as `_stacked`; it may have any shape that broadcasts to `shape`."""
+    m = shape[-1]
+    if isinstance(value, float) and math.isfinite(value):
+        return _same_for_all(float(value), m)
+    array = checked(name, value)
+    if array.ndim == 0:
+        return _same_for_all(float(array), m)
+    if broadcast_batch(tensions=shape, **{name: array.shape}) != shape:
+        raise InvalidInputError(name, array, f"shape {array.shape} does not fit tensions {shape}")
+    if array.shape == (m,):
+        return kernel_input(array, 1, m)
+    return kernel_input(np.broadcast_to(array, shape), -1, m)
+
+
+@functools.lru_cache(maxsize=32)
+def _same_for_all(value: float, m: int) -> FloatArray:
+    return kernel_input(np.full(m, value), 1, m)
+
+
+def _checked_weights(weights: ArrayLike | None) -> FloatArray:
+    if weights is None:
+        return _EQUAL_WEIGHTS
+    array = checked("weights", weights, 6)
+    if array.ndim != 1 or array.min() <= 0.0:
+        raise InvalidInputError("weights", weights, "6 positive numbers are needed")
+    return kernel_input(array, 6)
+
+
+def _singular(A: FloatArray, status: NDArray[np.int64], batch: tuple[int, ...]) -> SingularWrenchMatrixError:
+    first = int((status == SINGULAR).argmax())
+    matrix = A[first if len(A) > 1 else 0]
+    return SingularWrenchMatrixError(
+        "the cables cannot hold the platform against every wrench",
+        matrix,
+        np.linalg.svd(matrix, compute_uv=False),
+        tuple(map(int, np.unravel_index(first, batch))) if batch else (),
+    )

@@ -1,0 +1,1 @@
+"""Available wrenches, workspace, interference."""

@@ -1,0 +1,342 @@
+"""The wrench-feasible workspace: a task assessed on a grid of poses."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspr_kinematics.arrays import (
+    BoolArray,
+    FloatArray,
+    ReadOnlyArrays,
+    checked,
+    frozen,
+    positive_integer,
+    positive_number,
+)
+from cspr_kinematics.errors import CableReachError, InvalidInputError
+from cspr_kinematics.motion.pose import Pose
+from cspr_kinematics.robot.robot import Robot
+from cspr_kinematics.workspace.feasibility import Task, assess_task
+
+Progress = Callable[[int, int], None]  # poses done, poses in all
+
+_CHUNK = 512  # poses assessed between two reports of progress
+_SUBDIVISION = 5  # places along each axis of a cell that the border cuts
+_CELLS_AT_ONCE = 20_000
+_LEVEL = ((0.0, 0.0, 0.0),)
+_MOST_POSES = 50_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace(ReadOnlyArrays):
+    """Margin and payloads of a task on a grid of positions; arrays are read-only.
+
+    Attributes
+    ----------
+    x, y, z : numpy.ndarray, shape (nx,), (ny,), (nz,)
+        Coordinates of the platform's origin in base, m.
+    margin : numpy.ndarray, shape (nx, ny, nz)
+        Margin of the task, N, as in `Feasibility`; the smallest of all orientations. -inf where a cable has
+        no path or the cables are singular.
+    payload_min, payload_max : numpy.ndarray, shape (nx, ny, nz)
+        Smallest and largest payload that can be held in every orientation, kg; NaN where there is none.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    margin: FloatArray
+    payload_min: FloatArray
+    payload_max: FloatArray
+
+    def __post_init__(self) -> None:
+        shape = len(self.x), len(self.y), len(self.z)
+        for name in ("x", "y", "z", "margin", "payload_min", "payload_max"):
+            array = np.asarray(getattr(self, name), dtype=np.float64)
+            if name in "xyz":
+                if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all():
+                    raise InvalidInputError(name, array, "2 or more increasing coordinates are needed")
+            elif array.shape != shape:
+                raise InvalidInputError(name, array, f"shape {array.shape} where {shape} is needed")
+            object.__setattr__(self, name, frozen(array))
+
+    @property
+    def feasible(self) -> BoolArray:
+        """Whether the task is possible, shape (nx, ny, nz)."""
+        return np.asarray(self.margin >= 0.0)
+
+    @cached_property
+    def volume(self) -> float:
+        """Volume in which the task is possible, m^3; cells that the border cuts count by interpolation."""
+        sizes = np.einsum("i,j,k->ijk", np.diff(self.x), np.diff(self.y), np.diff(self.z))
+        return float((self._shares * sizes).sum())
+
+    def margin_at(self, position: ArrayLike) -> FloatArray:
+        """Return the margin at positions (..., 3) in base, by trilinear interpolation, shape (...), N.
+
+        Raises
+        ------
+        InvalidInputError
+            If a value is not finite, has another shape, or lies outside the grid.
+        """
+        points = checked("position", position, 3)
+        low = np.array([self.x[0], self.y[0], self.z[0]])
+        high = np.array([self.x[-1], self.y[-1], self.z[-1]])
+        if np.any(points < low) or np.any(points > high):
+            raise InvalidInputError(
+                "position", position, f"outside the grid, {low.tolist()} to {high.tolist()}"
+            )
+        cells, shares = [], []
+        for k, axis in enumerate((self.x, self.y, self.z)):
+            cell = np.clip(np.searchsorted(axis, points[..., k], side="right") - 1, 0, len(axis) - 2)
+            cells.append(cell)
+            shares.append((points[..., k] - axis[cell]) / (axis[cell + 1] - axis[cell]))
+        margin = np.zeros(points.shape[:-1])
+        for corner in itertools.product((0, 1), repeat=3):
+            weight = np.prod([s if c else 1.0 - s for c, s in zip(corner, shares, strict=True)], axis=0)
+            place = tuple(cell + c for cell, c in zip(cells, corner, strict=True))
+            margin += weight * self._finite_margin[place]
+        return margin
+
+    def distance_to_boundary(self, position: ArrayLike) -> FloatArray:
+        """Return how far positions (..., 3) are from the border of the workspace, shape (...), m.
+
+        Positive inside and negative outside; -inf outside without a border. The border is where the
+        interpolated margin passes through zero, seen along lines a quarter of the grid's spacing apart: close
+        to it the result is too large by up to about a fifth of the spacing. For positions inside, the faces
+        of the grid count as border: nothing is known beyond them.
+
+        Raises
+        ------
+        InvalidInputError
+            As `margin_at`.
+        """
+        points = checked("position", position, 3)
+        inside = self.margin_at(points) >= 0.0
+        distance = np.full(points.shape[:-1], np.inf)
+        if len(self._border):
+            from scipy.spatial import cKDTree  # here, because its import takes long
+
+            distance = np.asarray(cKDTree(self._border).query(points)[0])
+        faces = [
+            np.minimum(points[..., k] - axis[0], axis[-1] - points[..., k])
+            for k, axis in enumerate((self.x, self.y, self.z))
+        ]
+        return np.asarray(np.where(inside, np.minimum(distance, np.min(faces, axis=0)), -distance))
+
+    def save(self, path: str | Path) -> None:
+        """Write the arrays to a compressed .npz file, under their names here."""
+        with Path(path).open("wb") as file:
+            np.savez_compressed(
+                file,
+                x=self.x,
+                y=self.y,
+                z=self.z,
+                margin=self.margin,
+                payload_min=self.payload_min,
+                payload_max=self.payload_max,
+            )
+
+    @classmethod
+    def load(cls, path: str | Path) -> Workspace:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        InvalidInputError
+            If the file is not one that `save` wrote.
+        """
+        try:
+            with np.load(path) as data:
+                return cls(*(data[n] for n in ("x", "y", "z", "margin", "payload_min", "payload_max")))
+        except (OSError, KeyError, ValueError) as error:
+            raise InvalidInputError("path", str(path), f"not the file of a workspace ({error})") from error
+
+    @cached_property
+    def _finite_margin(self) -> FloatArray:
+        """The margin, where it is -inf as far below zero as it is above at most: for interpolation."""
+        finite = self.margin[np.isfinite(self.margin)]
+        lowest = -max(1.0, float(np.abs(finite).max())) if finite.size else -1.0
+        return np.maximum(self.margin, lowest)
+
+    @cached_property
+    def _shares(self) -> FloatArray:
+        """Share of each cell in which the interpolated margin is not negative."""
+        corners = self._corners
+        shares = (corners.min(axis=(3, 4, 5)) >= 0.0).astype(np.float64)
+        cells = self._cut_cells
+        inside = np.empty(len(cells))
+        for part in _parts(len(cells)):
+            values = _in_cells(corners[tuple(cells[part].T)], (np.arange(_SUBDIVISION) + 0.5) / _SUBDIVISION)
+            inside[part] = (values >= 0.0).mean(axis=(1, 2, 3))
+        shares[tuple(cells.T)] = inside
+        return np.asarray(shares)
+
+    @cached_property
+    def _border(self) -> FloatArray:
+        """Points (n, 3) at which lines through the cut cells pass through the border, m."""
+        axes = self.x, self.y, self.z
+        fractions = np.linspace(0.0, 1.0, _SUBDIVISION)
+        points = [np.empty((0, 3))]
+        for part in _parts(len(self._cut_cells)):
+            cells = self._cut_cells[part]
+            values = _in_cells(self._corners[tuple(cells.T)], fractions)
+            for k in range(3):
+                before = np.moveaxis(values, k + 1, -1)[..., :-1]
+                after = np.moveaxis(values, k + 1, -1)[..., 1:]
+                passing = np.nonzero((before >= 0.0) != (after >= 0.0))
+                start, end = before[passing], after[passing]
+                cell, *others, along = passing
+                share = np.empty((len(cell), 3))
+                share[:, k] = fractions[along] + start / (start - end) * fractions[1]
+                share[:, [j for j in range(3) if j != k]] = fractions[np.stack(others, axis=-1)]
+                corner = np.stack([axis[i] for axis, i in zip(axes, cells[cell].T, strict=True)], axis=-1)
+                size = np.stack([np.diff(axis)[i] for axis, i in zip(axes, cells[cell].T, strict=True)], -1)
+                points.append(corner + share * size)
+        return np.asarray(np.concatenate(points))
+
+    @cached_property
+    def _corners(self) -> FloatArray:
+        """Margin at the corners of each cell, shape (nx - 1, ny - 1, nz - 1, 2, 2, 2)."""
+        return np.asarray(np.lib.stride_tricks.sliding_window_view(self._finite_margin, (2, 2, 2)))
+
+    @cached_property
+    def _cut_cells(self) -> NDArray[np.int64]:
+        """Indices (n, 3) of the cells that the border cuts."""
+        least, most = self._corners.min(axis=(3, 4, 5)), self._corners.max(axis=(3, 4, 5))
+        return np.asarray(np.argwhere((least < 0.0) & (most >= 0.0)))
+
+
+def _parts(count: int) -> list[slice]:
+    """Ranges of cut cells that are looked at together, which bounds the memory."""
+    return [slice(first, first + _CELLS_AT_ONCE) for first in range(0, count, _CELLS_AT_ONCE)]
+
+
+def _in_cells(corners: FloatArray, fractions: FloatArray) -> FloatArray:
+    """Interpolate from corners (n, 2, 2, 2) to all places (n, f, f, f) with these fractions (f,)."""
+    weights = np.stack((1.0 - fractions, fractions), axis=-1)
+    return np.asarray(np.einsum("cijk,ui,vj,wk->cuvw", corners, weights, weights, weights, optimize=True))
+
+
+def explore_workspace(
+    robot: Robot,
+    task: Task | None = None,
+    *,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    spacing: float = 0.1,
+    orientations: Sequence[Sequence[float]] = _LEVEL,
+    lever: float = 1.0,
+    threads: int = 1,
+    progress: Progress | None = None,
+) -> Workspace:
+    """Assess `task` on a grid of positions, in every one of some orientations.
+
+    Parameters
+    ----------
+    robot : Robot
+    task : Task, optional
+        By default holding the empty platform at rest.
+    lower, upper : array_like, shape (3,), optional
+        Corners of the grid in base, m; by default the robot's `workspace_min` and `workspace_max`.
+    spacing : float
+        Largest distance of neighbouring positions along each axis, m.
+    orientations : sequence of (alpha, beta, gamma)
+        Angles of eq. 4, rad; by default the level platform alone.
+    lever : float
+        Length at which a moment counts as a force in the margin, m.
+    threads : int
+        Number of threads that share the poses.
+    progress : callable, optional
+        Called now and then in this thread with the number of poses done and of all poses.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is not finite or has another shape, the corners are not in order, the spacing is not
+        positive or asks for more than 50 million poses, or there is no orientation.
+    """
+    angles = checked("orientations", orientations, 3).reshape(-1, 3)
+    if not len(angles):
+        raise InvalidInputError("orientations", orientations, "at least one is needed")
+    axes = _axes(robot, lower, upper, spacing, _MOST_POSES // len(angles))
+    shape = tuple(map(len, axes))
+    count = math.prod(shape)
+    total = count * len(angles)
+    positive_number("lever", lever)
+    positive_integer("threads", threads)
+    positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(count, 3)
+    rotations = [Pose.from_euler(np.zeros(3), *angle).rotation for angle in angles]
+    margin = np.full(count, np.inf)
+    smallest, largest = np.zeros(count), np.full(count, np.inf)
+
+    def assess(first: int) -> int:
+        part = slice(first, first + _CHUNK)
+        for rotation in rotations:
+            values = _assess(robot, positions[part], rotation, task, lever)
+            margin[part] = np.minimum(margin[part], values[0])
+            smallest[part] = np.maximum(smallest[part], values[1])  # NaN stays
+            largest[part] = np.minimum(largest[part], values[2])
+        return len(margin[part]) * len(rotations)
+
+    done = 0
+    with ThreadPoolExecutor(threads) as pool:
+        parts = [pool.submit(assess, first) for first in range(0, count, _CHUNK)]
+        try:
+            for part in as_completed(parts):
+                done += part.result()
+                if progress is not None:
+                    progress(done, total)
+        finally:
+            for part in parts:
+                part.cancel()
+    none = ~(smallest <= largest)
+    smallest[none] = np.nan
+    largest[none] = np.nan
+    return Workspace(*axes, *(array.reshape(shape) for array in (margin, smallest, largest)))
+
+
+def _assess(
+    robot: Robot, positions: FloatArray, rotation: FloatArray, task: Task | None, lever: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return margins and payload ranges (n,) at positions (n, 3); out of the cables' reach -inf and NaN."""
+    try:
+        result = assess_task(robot, Pose(positions, rotation), task, lever=lever)
+    except CableReachError:
+        if len(positions) == 1:
+            return np.array([-np.inf]), np.array([np.nan]), np.array([np.nan])
+        half = len(positions) // 2
+        parts = [_assess(robot, part, rotation, task, lever) for part in (positions[:half], positions[half:])]
+        margin, smallest, largest = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        return margin, smallest, largest
+    return result.margin, result.payload_min, result.payload_max
+
+
+def _axes(
+    robot: Robot, lower: ArrayLike | None, upper: ArrayLike | None, spacing: float, most: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    low = checked("lower", robot.workspace_min if lower is None else lower, 3)
+    high = checked("upper", robot.workspace_max if upper is None else upper, 3)
+    for name, corner in (("lower", low), ("upper", high)):
+        if corner.ndim != 1:
+            raise InvalidInputError(name, corner, f"shape {corner.shape} where (3,) is needed")
+    if np.any(low >= high):
+        raise InvalidInputError("lower", low, f"must be below upper = {high.tolist()} in every direction")
+    step = positive_number("spacing", spacing)
+    # A grid of less than the rounding error more than the spacing is not worth another plane.
+    with np.errstate(over="ignore"):
+        counts = np.maximum(2.0, np.ceil((high - low) / step - 1e-9) + 1.0)
+        positions = float(counts.prod())
+    if not positions <= most:
+        raise InvalidInputError("spacing", spacing, f"{positions:.4g} positions; {most} are the most")
+    x, y, z = (np.linspace(a, b, int(n)) for a, b, n in zip(low, high, counts, strict=True))
+    return x, y, z

@@ -1,0 +1,122 @@
+"""The wrenches that cables can give within their limits: a convex polytope, by its faces.
+
+The set {A t : t_min <= t <= t_max} is a zonotope. Each of its faces is spanned by five of the cables, so that
+the directions orthogonal to any five independent columns of A contain the normals of all faces (Bouchard,
+Gosselin, Moore, "On the ability of a cable-driven robot to generate a prescribed set of wrenches", ASME J.
+Mechanisms and Robotics 2, 2010; Gouttefarde, Krut, "Characterization of parallel manipulator available wrench
+set facets", ARK 2010).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, positive_number
+from cspr_kinematics.compiled import kernel_input
+from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
+from cspr_kinematics.tensions._null_space import RANK_TOLERANCE
+from cspr_kinematics.workspace._wrench_set import faces_kernel
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchSet(ReadOnlyArrays):
+    """Wrenches within reach at one pose: those with normals @ wrench <= offsets; arrays are read-only.
+
+    Attributes
+    ----------
+    normals : numpy.ndarray, shape (f, 6)
+        Outward directions, of unit length when moments are divided by `lever`: the first three elements
+        multiply a force, the last three a moment.
+    offsets : numpy.ndarray, shape (f,)
+        Largest of normals @ wrench within reach, N.
+    lever : float
+        Length at which a moment counts as a force, m.
+    """
+
+    normals: FloatArray
+    offsets: FloatArray
+    lever: float
+
+    def __post_init__(self) -> None:
+        self.normals.setflags(write=False)
+        self.offsets.setflags(write=False)
+
+    def margin(self, wrench: ArrayLike) -> FloatArray:
+        """Return how far wrenches (..., 6) lie inside, shape (...), N.
+
+        Inside, the length of the shortest additional wrench, moments divided by the lever, that brings the
+        wrench to the border (the capacity margin of Ruiz, Caro, Cardou, Guay, CableCon 2014). Outside it is
+        negative, and the distance to the set is at least its size.
+
+        Raises
+        ------
+        InvalidInputError
+            If a value is not finite or has another shape.
+        """
+        w = checked("wrench", wrench, 6)
+        return np.asarray((self.offsets - w @ self.normals.T).min(axis=-1))
+
+
+def available_wrenches(
+    wrench_matrix: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, *, lever: float = 1.0
+) -> WrenchSet:
+    """Return the wrenches that tensions within their limits can give at one pose.
+
+    Parameters
+    ----------
+    wrench_matrix : array_like, shape (6, m)
+        A.
+    t_min, t_max : float or array_like, shape (m,)
+        Limits of the tensions, N.
+    lever : float
+        Length at which a moment counts as a force in distances, m.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is not finite or has another shape, a lower limit is not below its upper one, or the lever
+        is not positive.
+    SingularWrenchMatrixError
+        If the wrench matrix has lost a rank: the wrenches within reach are flat.
+    """
+    A = checked("wrench_matrix", wrench_matrix)
+    if A.ndim != 2 or A.shape[0] != 6 or A.shape[1] < 6:
+        raise InvalidInputError(
+            "wrench_matrix", wrench_matrix, f"shape {A.shape} where (6, m) with m >= 6 is needed"
+        )
+    m = A.shape[1]
+    low, high = tension_limits(t_min, t_max, m)
+    length = positive_number("lever", lever)
+    faces = np.empty((2 * comb(m, 5), 7))
+    scaled = A / np.array([1.0, 1.0, 1.0, length, length, length])[:, None]
+    singular_values = np.linalg.svd(scaled, compute_uv=False)
+    if singular_values[-1] <= RANK_TOLERANCE * singular_values[0]:
+        raise SingularWrenchMatrixError("the wrenches within reach are flat", A, singular_values)
+    count = faces_kernel(kernel_input(scaled, 6, m), low, high, faces)
+    normals = faces[:count, :6].copy()
+    normals[:, 3:] /= length
+    return WrenchSet(normals, faces[:count, 6].copy(), length)
+
+
+def tension_limits(t_min: ArrayLike, t_max: ArrayLike, m: int) -> tuple[FloatArray, FloatArray]:
+    """Return the limits of m cables as kernel inputs (m,).
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is not finite, has another shape, or a lower limit is not below its upper one.
+    """
+    limits = []
+    for name, value in (("t_min", t_min), ("t_max", t_max)):
+        array = checked(name, value)
+        if array.shape not in ((), (m,)):
+            raise InvalidInputError(name, value, f"shape {array.shape} where () or ({m},) is needed")
+        limits.append(kernel_input(np.broadcast_to(array, (m,)).copy(), m))
+    low, high = limits
+    if np.any(low >= high):
+        raise InvalidInputError("t_min", t_min, f"must be below t_max = {high}")
+    return low, high

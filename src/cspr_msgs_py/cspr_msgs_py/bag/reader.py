@@ -1,0 +1,411 @@
+"""Reads bags into numpy arrays: whole bags and damaged ones, ours and those of other tools.
+
+::
+
+    with Bag("runs/latest/bag") as bag:
+        states = bag["/motor_states"]
+        speed = states.velocity[:, 0]  # of motor 1, at states.time
+        later = bag.read("/motor_states", start=10.0)  # s since the start of the bag
+"""
+
+import heapq
+import os
+import struct
+import warnings
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import yaml
+import zstandard
+from mcap.exceptions import McapError
+from mcap_ros2.decoder import DecoderFactory
+
+from cspr_msgs_py.bag import columns as bag_columns
+from cspr_msgs_py.bag.columns import (
+    Decode,
+    Inertias,
+    JointStates,
+    Messages,
+    Poses,
+    References,
+    Samples,
+    Times,
+)
+from cspr_msgs_py.bag.mcap_file import COMPRESSED_SUFFIX, McapFile
+from cspr_msgs_py.bag.message_block import MessageBlock
+from cspr_msgs_py.bag.metadata import METADATA_FILE, OfferedQos, parse_offered_qos
+from cspr_msgs_py.errors import BagError, BagWarning
+from cspr_msgs_py.topics import INERTIA_STAMPED, JOINT_STATE, MULTI_DOF_TRAJECTORY, POSE_STAMPED, REFERENCE
+from cspr_msgs_py.wire.cdr import NANOSECONDS
+
+__all__ = [
+    "Bag",
+    "BagWarning",
+    "Inertias",
+    "JointStates",
+    "Message",
+    "Messages",
+    "Poses",
+    "References",
+    "Samples",
+    "Times",
+]
+
+_READERS = {
+    JOINT_STATE: bag_columns.joint_states,
+    MULTI_DOF_TRAJECTORY: bag_columns.references,
+    POSE_STAMPED: bag_columns.poses,
+    INERTIA_STAMPED: bag_columns.inertias,
+}
+
+
+class Message(NamedTuple):
+    """One recorded message: log and publish time in ns, topic, CDR bytes."""
+
+    log_time_ns: int
+    publish_time_ns: int
+    topic: str
+    data: bytes
+
+
+class Bag:
+    """A bag open for reading.
+
+    Parameters
+    ----------
+    path : path
+        Directory of a bag, or one of its files.
+
+    Attributes
+    ----------
+    path : Path
+    announced_counts : dict of str to int
+        Messages of each topic by ``metadata.yaml``: more than there are in a damaged bag, fewer in one whose
+        recorder was killed or still runs; empty without that file.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, or nothing in it can be read. A bag that is not whole only gives a
+        :class:`BagWarning`, now or when it is read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self._files: list[McapFile] = []
+        paths, self._each_compressed, self.announced_counts = _files(self.path)
+        problems: list[BagError] = []
+        for file in paths:
+            try:
+                self._files.append(McapFile(file))
+            except BagError as error:
+                problems.append(error)
+        if not self._files:
+            raise problems[0] if problems else BagError(f"{self.path} has no files")
+        for text in (*map(str, problems), *(file.damage for file in self._files if file.damage)):
+            warnings.warn(text, BagWarning, stacklevel=2)
+        self._complete = not problems and not any(file.damage for file in self._files)
+
+    def __enter__(self) -> "Bag":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in self._files:
+            file.close()
+
+    @property
+    def files(self) -> list[McapFile]:
+        """The files of the bag that can be read, in the order in which they were written."""
+        return list(self._files)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the recording was finished properly and all of its files are there."""
+        return self._complete
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Message type of each topic."""
+        return {
+            channel.topic: file.schemas[channel.schema_id].name if channel.schema_id in file.schemas else ""
+            for file in self._files
+            for channel in file.channels.values()
+        }
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of messages of each topic."""
+        counts = Counter(dict.fromkeys(self.topics, 0))
+        for file in self._files:
+            for channel, number in file.counts.items():
+                if channel in file.channels:
+                    counts[file.channels[channel].topic] += number
+        return dict(counts)
+
+    @property
+    def start_ns(self) -> int:
+        """Log time of the first message, ns; 0 for a bag without any."""
+        return min((region.start for file in self._files for region in file.regions), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Log time of the last message, ns; 0 for a bag without any."""
+        return max((region.end for file in self._files for region in file.regions), default=0)
+
+    @property
+    def attachments(self) -> dict[str, bytes]:
+        """The files inside the bag by name, such as the configuration that was in use."""
+        return {name: data for file in self._files for name, data in file.attachments.items()}
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records by name; ``recording`` says how the bag was made."""
+        return {name: record for file in self._files for name, record in file.metadata.items()}
+
+    def offered_qos(self, topic: str) -> tuple[OfferedQos, ...]:
+        """Return what the publishers of a topic offered; empty if the bag does not say."""
+        self._require(topic)
+        texts = (
+            channel.metadata.get("offered_qos_profiles", "")
+            for file in self._files
+            for channel in file.channels.values()
+            if channel.topic == topic
+        )
+        return parse_offered_qos(next(filter(None, texts), ""))
+
+    def __getitem__(self, topic: str) -> Any:
+        """Return all messages of a topic as numpy arrays, see `read`."""
+        return self.read(topic)
+
+    def read(self, topic: str, start: float | None = None, end: float | None = None) -> Any:
+        """Return the messages of a topic as numpy arrays.
+
+        Parameters
+        ----------
+        topic
+            Its name.
+        start, end
+            Only messages that were received from `start` up to and not including `end`, seconds since the start
+            of the bag.
+
+        Returns
+        -------
+        JointStates, References, Poses, Inertias or Messages
+            By the type of the topic; the last one, of decoded messages, for all others.
+
+        Raises
+        ------
+        BagError
+            If the bag does not have the topic or no message of it, or its type cannot be decoded.
+        """
+        self._require(topic)
+        kind = self.topics[topic]
+        reader = _READERS.get(kind, bag_columns.messages)
+        blocks = self._blocks(topic, self._absolute(start), self._absolute(end))
+        try:
+            samples: Samples = reader(blocks, self.counts[topic], self.start_ns, self._decoder(topic))
+        except (ValueError, IndexError, AttributeError, struct.error, McapError) as error:
+            raise BagError(f"{self.path}: a message on {topic} is no {kind}: {error}") from error
+        if not len(samples):
+            span = "" if start is None and end is None else " in this range of time"
+            raise BagError(f"{self.path} has no message on {topic}{span}")
+        return samples
+
+    def joint_states(self, topic: str) -> JointStates:
+        """Return a JointState topic as columns; raises as `read`, and for a topic of another type."""
+        samples: JointStates = self._typed(topic, JOINT_STATE)
+        return samples
+
+    def references(self, topic: str = REFERENCE.name) -> References:
+        """Return the reference as columns; raises as `joint_states` does."""
+        samples: References = self._typed(topic, MULTI_DOF_TRAJECTORY)
+        return samples
+
+    def poses(self, topic: str) -> Poses:
+        """Return a PoseStamped topic as columns; raises as `joint_states` does."""
+        samples: Poses = self._typed(topic, POSE_STAMPED)
+        return samples
+
+    def inertias(self, topic: str) -> Inertias:
+        """Return an InertiaStamped topic as columns; raises as `joint_states` does."""
+        samples: Inertias = self._typed(topic, INERTIA_STAMPED)
+        return samples
+
+    def messages(self, topic: str) -> Iterator[tuple[int, int, bytes]]:
+        """Yield log time (ns), publish time (ns) and CDR bytes of each message, as recorded.
+
+        Raises
+        ------
+        BagError
+            If the bag does not have the topic.
+        """
+        self._require(topic)
+        for block in self._blocks(topic):
+            yield from zip(block.log_times.tolist(), block.publish_times.tolist(), block, strict=True)
+
+    def in_order(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Message]:
+        """Yield the messages of some topics, or all, by log time.
+
+        Parameters
+        ----------
+        topics
+            Names; all of the bag by default.
+        start_ns, end_ns
+            Range of log times, the end not included, ns.
+
+        Raises
+        ------
+        BagError
+            If the bag does not have one of the topics.
+        """
+        wanted = set(self.topics if topics is None else topics)
+        for topic in wanted:
+            self._require(topic)
+        regions = sorted(
+            ((region.start, order, file, region) for order, (file, region) in enumerate(self._regions())),
+            key=lambda entry: entry[:2],
+        )
+        waiting: list[tuple[int, int, Message]] = []
+        counter = 0
+        for begin, _, file, region in regions:
+            while waiting and waiting[0][0] < begin:  # nothing earlier can come any more
+                yield heapq.heappop(waiting)[2]
+            if (start_ns is not None and region.end < start_ns) or (end_ns is not None and begin >= end_ns):
+                continue
+            names = {key: channel.topic for key, channel in file.channels.items() if channel.topic in wanted}
+            block = self.uncompressed(file.block(region, names))
+            for channel, log_time, publish_time, data in zip(
+                block.channels.tolist(),
+                block.log_times.tolist(),
+                block.publish_times.tolist(),
+                block,
+                strict=True,
+            ):
+                if (start_ns is None or log_time >= start_ns) and (end_ns is None or log_time < end_ns):
+                    message = Message(log_time, publish_time, names[channel], data)
+                    heapq.heappush(waiting, (log_time, counter, message))
+                    counter += 1
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+    def _regions(self) -> Iterable[tuple[McapFile, Any]]:
+        return ((file, region) for file in self._files for region in file.regions)
+
+    def _typed(self, topic: str, kind: str) -> Any:
+        self._require(topic)
+        if self.topics[topic] != kind:
+            raise BagError(f"{self.path}: {topic} is of type {self.topics[topic]}, not {kind}")
+        return self.read(topic)
+
+    def _absolute(self, seconds: float | None) -> int | None:
+        return None if seconds is None else self.start_ns + round(seconds * NANOSECONDS)
+
+    def _blocks(
+        self, topic: str, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[MessageBlock]:
+        for file in self._files:
+            channels = {channel.id for channel in file.channels.values() if channel.topic == topic}
+            for block in file.blocks(channels, start_ns, end_ns):
+                yield self.uncompressed(block)
+
+    def uncompressed(self, block: MessageBlock) -> MessageBlock:
+        """Return a block of messages as they were published: some bags compress each message by itself."""
+        if not self._each_compressed:
+            return block
+        decompressor = zstandard.ZstdDecompressor()
+        try:
+            return block.mapped(lambda data: decompressor.decompressobj().decompress(data))
+        except zstandard.ZstdError as error:
+            raise BagError(f"{self.path}: a message cannot be decompressed: {error}") from error
+
+    def _decoder(self, topic: str) -> Decode:
+        """Return what decodes a message of a topic by the definition in the bag, when it is first asked to."""
+        file, channel = next(
+            (file, channel)
+            for file in self._files
+            for channel in file.channels.values()
+            if channel.topic == topic
+        )
+        schema = file.schemas.get(channel.schema_id)
+        found: list[Decode] = []
+
+        def decode(data: bytes) -> Any:
+            if not found:
+                decoder = DecoderFactory().decoder_for(channel.message_encoding, schema)
+                if decoder is None or schema is None or not schema.data:
+                    raise BagError(
+                        f"{self.path}: messages on {topic} cannot be decoded, their definition is "
+                        + (f"in {schema.encoding!r}" if schema and schema.data else "missing")
+                        + "; Bag.messages() gives their bytes"
+                    )
+                found.append(decoder)
+            return found[0](data)
+
+        return decode
+
+    def _require(self, topic: str) -> None:
+        topics = self.topics
+        if topic not in topics:
+            raise BagError(
+                f"{self.path} has no topic {topic}; it has {', '.join(sorted(topics)) or 'none at all'}"
+            )
+
+
+def _files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
+    """Return the files of a bag in the order of time, whether each message is compressed, and announced counts."""
+    if not path.exists():
+        raise BagError(f"there is no bag {path}")
+    if not path.is_dir():
+        return [path], False, {}
+    names: list[Path] = []
+    mode = ""
+    counts: dict[str, int] = {}
+    try:
+        content = yaml.safe_load((path / METADATA_FILE).read_text())
+        information = content["rosbag2_bagfile_information"]
+        if information["storage_identifier"] != "mcap":
+            raise BagError(
+                f"{path} is a bag in {information['storage_identifier']} and not in mcap: convert it with "
+                "`ros2 bag convert`"
+            )
+        names = [path / Path(name).name for name in information["relative_file_paths"]]
+        mode = str(information.get("compression_mode", "")).lower()
+        for topic in information["topics_with_message_count"]:
+            counts[topic["topic_metadata"]["name"]] = int(topic["message_count"])
+    except FileNotFoundError:  # what a recording leaves that was cut off at its very start
+        pass
+    except KeyError as error:
+        raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: it lacks {error}") from error
+    except (OSError, yaml.YAMLError, TypeError, ValueError) as error:
+        raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: {error}") from error
+    if mode == "file":  # depending on its version rosbag2 lists the files without what compression appends
+        names = [_compressed(name) for name in names]
+    # a recording that was killed has files which its metadata do not name yet
+    named = {name.name for name in names}
+    names += [file for file in sorted(path.glob("*.mcap"), key=_number) if file.name not in named]
+    if not names:
+        hint = f"; perhaps {path / 'bag'} is meant" if (path / "bag").is_dir() else ""
+        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file{hint}")
+    return names, mode == "message", counts
+
+
+def _compressed(name: Path) -> Path:
+    appended = name.with_name(name.name + COMPRESSED_SUFFIX)
+    return appended if not name.exists() and appended.exists() else name
+
+
+def _number(path: Path) -> tuple[int, str]:
+    """Order files by the number at the end of their names: 2 before 10."""
+    digits = path.stem.rpartition("_")[2]
+    return (int(digits) if digits.isdigit() else 0, path.name)

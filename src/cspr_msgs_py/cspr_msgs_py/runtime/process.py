@@ -1,0 +1,343 @@
+"""What every node process does the same way: start, topics, diagnostics, shutdown."""
+
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, Final
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from rclpy.timer import Timer
+from rclpy.utilities import remove_ros_args
+
+from cspr_msgs_py.message_definitions import message_class
+from cspr_msgs_py.qos import qos_profile
+from cspr_msgs_py.runtime.parameters import declare
+from cspr_msgs_py.runtime.scheduling import set_cpu, set_realtime_priority
+from cspr_msgs_py.topics import DIAGNOSTICS, Topic
+from cspr_msgs_py.wire.conversions import diagnostic_array
+
+__all__ = [
+    "LEAN_NODE",
+    "Diagnostics",
+    "advertise",
+    "declare",
+    "run_nodes",
+    "steady_timer",
+    "subscribe",
+    "subscribe_raw",
+]
+
+LEAN_NODE: Final = {"enable_rosout": False, "start_parameter_services": False}
+"""Keyword arguments of :class:`rclpy.node.Node` for nodes of which a process or a graph has many."""
+
+_COLLECTION_PERIOD = 60.0  # s between garbage collections
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def run_nodes(
+    factory: Callable[[], Sequence[Node]], args: Sequence[str] | None = None, *, realtime: bool = True
+) -> int:
+    """Run the nodes that `factory` creates until SIGINT or SIGTERM, and return the exit status.
+
+    On either signal, and when a callback raises, each node's ``make_safe()`` is called if it has one; the
+    node can still publish and call services then. An error that ends the process is one line on stderr that
+    names the node; errors that are defects of the program come with their traceback. Must be called from the
+    main thread, as the last thing that the process does: afterwards it ignores both signals.
+
+    Parameters
+    ----------
+    factory : callable
+        Creates the nodes; called when rclpy is initialised.
+    args : sequence of str, optional
+        Command line with the program's name first; that of the process by default.
+    realtime : bool
+        Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
+        All have the parameter ``cpu``, which binds the process to one CPU.
+
+    Returns
+    -------
+    int
+        0 after SIGINT or SIGTERM, 1 after an error, 2 for arguments that nobody takes.
+    """
+    arguments = list(sys.argv if args is None else args)
+    program = os.path.basename(arguments[0]) if arguments else "node"
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rcl reports arguments and parameter files with its own kinds of error
+        return _report(program, error)
+    try:
+        if unknown := remove_ros_args(arguments)[1:]:
+            print(
+                f"{program}: unknown arguments: {' '.join(unknown)}; parameters follow --ros-args",
+                file=sys.stderr,
+            )
+            return 2
+        return _run(factory, program, realtime)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) -> int:
+    nodes: list[Node] = []
+    status = 0
+    with _stop_on_signal() as stop:
+        try:
+            nodes += factory()
+            stop.armed = True
+            _set_scheduling(nodes, realtime)
+            _spin(nodes, stop.future)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        except Exception as error:
+            status = _report(_node_of(error) or program, error)
+        for node in nodes:
+            status = max(status, _make_safe(node))
+        for node in nodes:
+            node.destroy_node()
+    return status
+
+
+class _Stop:
+    """The request to stop, as the future that ends the executor's spinning.
+
+    Parameters
+    ----------
+    wake_up
+        Lets another thread than the main one call `request`.
+    """
+
+    def __init__(self, wake_up: Callable[[], None]) -> None:
+        self.future = Future()
+        self.armed = False  # whether nodes are there to be made safe; before, a signal interrupts the start
+        self._wake_up = wake_up
+
+    def request(self) -> None:
+        if not self.future.done():
+            self.future.set_result(None)
+
+    def on_signal(self, number: int, frame: object) -> None:
+        # The main thread may be interrupted in the middle of a method of the future, with the future's lock held:
+        # asked here, the future would wait for that for ever.
+        if self.armed:
+            self._wake_up()
+        else:
+            self.armed = True
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[_Stop]:
+    """Turn SIGINT and SIGTERM into a finished future while the block runs.
+
+    rclpy's own handlers would invalidate the context at once, before a node could make its robot safe.
+    Python's run only when the main thread executes Python code, which it does not while the executor waits:
+    so the interpreter's wake-up descriptor tells a thread, and the thread tells the executor.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+
+    def wake_up() -> None:
+        with suppress(BlockingIOError):  # the pipe is full of requests
+            os.write(writing, b"\0")
+
+    stop = _Stop(wake_up)
+
+    def wait() -> None:
+        while os.read(reading, 1) != b"":
+            if stop.armed:
+                stop.request()
+
+    watcher = threading.Thread(target=wait, name="signals", daemon=True)
+    watcher.start()
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    for number in _STOP_SIGNALS:
+        signal.signal(number, stop.on_signal)
+    try:
+        yield stop
+    finally:
+        # The process is about to end; a second Ctrl-C must not turn that into a failure.
+        for number in _STOP_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        signal.set_wakeup_fd(-1)
+        os.close(writing)
+        watcher.join()
+        os.close(reading)
+
+
+def _spin(nodes: Sequence[Node], stop: Future) -> None:
+    executor = EventsExecutor()
+    try:
+        for node in nodes:
+            executor.add_node(node)
+        # What exists now stays until the end: the collector need not walk it again, nor choose its moment.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        for node in nodes:
+            node.get_logger().info(f"{node.get_name()} ready")
+        while not stop.done() and rclpy.ok():
+            # Without a time-out the wait can overflow: the executor then runs at full load and calls nobody.
+            executor.spin_until_future_complete(stop, timeout_sec=_COLLECTION_PERIOD)
+            gc.collect()
+    finally:
+        gc.enable()
+        gc.unfreeze()
+        for node in nodes:
+            executor.remove_node(node)
+        executor.shutdown()
+
+
+def _set_scheduling(nodes: Sequence[Node], realtime: bool) -> None:
+    cpu = _largest(nodes, "cpu", -1, "CPU on which the whole process runs, -1 for any", 1023)
+    refusals = [set_cpu(cpu)] if cpu >= 0 else []
+    if realtime:
+        description = "SCHED_FIFO priority of the process, 0 for normal scheduling"
+        priority = _largest(nodes, "realtime_priority", 0, description, 99)
+        refusals += [set_realtime_priority(priority)] if priority > 0 else []
+    for refusal in refusals:
+        if refusal is not None:
+            nodes[0].get_logger().warning(refusal)
+
+
+def _largest(nodes: Sequence[Node], name: str, default: int, description: str, maximum: int) -> int:
+    """Declare a parameter of the whole process on each of its nodes; return the largest value."""
+    return max(
+        declare(node, name, default, description, minimum=default, maximum=maximum, read_only=True)
+        for node in nodes
+    )
+
+
+def _make_safe(node: Node) -> int:
+    make_safe = getattr(node, "make_safe", None)
+    if make_safe is None:
+        return 0
+    try:
+        make_safe()
+    except Exception as error:  # the other nodes must be made safe whatever happens to this one
+        return _report(node.get_name(), error)
+    return 0
+
+
+def _report(name: str, error: Exception) -> int:
+    """Write the line that says what ended the process; return the exit status."""
+    kind = type(error)
+    deliberate = kind.__module__ != "builtins" or isinstance(error, OSError)
+    if not deliberate:
+        traceback.print_exception(error)
+    text = " ".join(str(error).split()) or kind.__name__
+    print(f"{name}: {text if deliberate else f'{kind.__name__}: {text}'}", file=sys.stderr, flush=True)
+    return 1
+
+
+def _node_of(error: Exception) -> str | None:
+    """Return the name of the node that was at work when `error` was raised."""
+    name = None
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        for owner in (frame.f_locals.get("self"), frame.f_locals.get("node")):
+            if isinstance(owner, Node):
+                with suppress(Exception):  # a node that could not be created has no name yet
+                    name = owner.get_name()
+    return name
+
+
+def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
+    """Subscribe to `topic`; the callback receives message objects."""
+    return node.create_subscription(message_class(topic.type), topic.name, callback, qos_profile(topic))
+
+
+class _SharedSubscriptions:
+    """The callbacks of each topic's one subscription while `shared_subscriptions` is in force."""
+
+    def __init__(self) -> None:
+        self._callbacks: dict[str, list[Callable[[bytes], None]]] = {}
+        self._subscriptions: dict[str, Subscription] = {}
+
+    def add(self, node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Subscription:
+        if topic.name in self._callbacks:
+            self._callbacks[topic.name].append(callback)
+            return self._subscriptions[topic.name]
+        callbacks = self._callbacks[topic.name] = [callback]
+
+        def deliver(message: bytes) -> None:
+            for each in callbacks:
+                each(message)
+
+        self._subscriptions[topic.name] = _subscribe_raw(node, topic, deliver)
+        return self._subscriptions[topic.name]
+
+
+_shared: _SharedSubscriptions | None = None
+
+
+@contextmanager
+def shared_subscriptions() -> Iterator[None]:
+    """Let the nodes that are created in the block share one raw subscription a topic.
+
+    For nodes that live and end together in one process. Taking a message from the middleware costs more than
+    most callbacks; eight controllers that want the same motor states need not take them eight times. The
+    callbacks run in the order in which the nodes subscribed. The subscription belongs to the first node.
+    """
+    global _shared
+    previous, _shared = _shared, _SharedSubscriptions()
+    try:
+        yield
+    finally:
+        _shared = previous
+
+
+def subscribe_raw(node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Subscription:
+    """Subscribe to `topic`; the callback receives each message as CDR bytes."""
+    if _shared is not None:
+        return _shared.add(node, topic, callback)
+    return _subscribe_raw(node, topic, callback)
+
+
+def _subscribe_raw(node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Subscription:
+    return node.create_subscription(
+        message_class(topic.type), topic.name, callback, qos_profile(topic), raw=True
+    )
+
+
+def advertise(node: Node, topic: Topic) -> Publisher:
+    """Create the publisher of `topic`; its ``publish`` takes message objects and CDR bytes alike."""
+    return node.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Create a timer of `period` seconds on the monotonic clock, which nobody can set."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+class Diagnostics:
+    """Publishes a node's health on ``/diagnostics`` once a second.
+
+    Parameters
+    ----------
+    node : Node
+    callback : callable
+        Returns the statuses to publish, see :func:`cspr_msgs_py.conversions.diagnostic_status`.
+    """
+
+    def __init__(self, node: Node, callback: Callable[[], Iterable[DiagnosticStatus]]) -> None:
+        self._callback = callback
+        self._publisher = advertise(node, DIAGNOSTICS)
+        self._timer = steady_timer(node, 1.0, self.publish)
+
+    def publish(self) -> None:
+        """Publish now, besides the regular time."""
+        self._publisher.publish(diagnostic_array(time.time_ns(), self._callback()))

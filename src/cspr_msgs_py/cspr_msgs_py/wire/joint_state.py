@@ -1,0 +1,211 @@
+"""sensor_msgs/JointState of constant names as raw CDR.
+
+The hot topics of the graph carry one JointState a cycle. Building message objects costs more than the
+control law; here a message is a constant frame with the stamp and the doubles at fixed offsets. The bytes
+are those of an ordinary publisher, so any ROS 2 tool reads them. A message in another layout is not decoded
+here but by :func:`cspr_msgs_py.joint_state_conversion.decode_joint_state`.
+"""
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspr_msgs_py.wire.cdr import Bytes, Scanner, Template, pack_time, unpack_time
+
+FIELDS: Final = ("position", "velocity", "effort")
+
+_DOUBLE: Final = np.dtype("<f8")
+_ONE_DOUBLE: Final = struct.Struct("<d").unpack_from
+_NONE: Final[NDArray[np.float64]] = np.empty(0)
+_NONE.flags.writeable = False
+
+
+@dataclass(frozen=True, slots=True)
+class JointStateSample:
+    """One JointState without its names.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        ``header.stamp`` in nanoseconds.
+    position, velocity, effort : ndarray, shape (m,)
+        Read-only; of shape (0,) when the message does not carry the field. Radians, rad/s and N m for motors,
+        effort in N for cables.
+    """
+
+    stamp_ns: int
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    effort: NDArray[np.float64]
+
+
+class JointSample(NamedTuple):
+    """One joint of a JointState: stamp in ns, then rad, rad/s and N m; NaN for what it does not carry."""
+
+    stamp_ns: int
+    position: float
+    velocity: float
+    effort: float
+
+
+class JointStateCodec:
+    """Encodes and decodes JointState messages of one layout.
+
+    Parameters
+    ----------
+    names : sequence of str
+        ``name`` of every message; its length m is the length of every field.
+    frame_id : str
+        ``header.frame_id`` of every message.
+    position, velocity, effort : bool
+        Whether the message carries this field; a field that it does not carry is an empty sequence.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        frame_id: str = "",
+        position: bool = True,
+        velocity: bool = True,
+        effort: bool = True,
+    ) -> None:
+        if isinstance(names, str):
+            raise TypeError(f"names must be a sequence of names, not the single string {names!r}")
+        self.names = tuple(names)
+        self.frame_id = frame_id
+        self.fields = tuple(
+            field for field, carried in zip(FIELDS, (position, velocity, effort), strict=True) if carried
+        )
+        self._shape = (len(self.names),)
+        template = Template()
+        self._stamp_offset = template.time()
+        template.string(frame_id)
+        template.count(len(self.names))
+        for name in self.names:
+            template.string(name)
+        offsets: dict[str, int] = {}
+        for field in FIELDS:
+            carried = field in self.fields and bool(self.names)
+            template.count(len(self.names) if carried else 0)
+            if carried:
+                offsets[field] = template.doubles(len(self.names))
+        self._frame = template.finish()
+        self._offsets = offsets
+        self._field_offsets = tuple(offsets.get(field) for field in FIELDS)
+        self.size = self._frame.size
+
+    def encode(
+        self,
+        stamp_ns: int,
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
+    ) -> bytes:
+        """Return the message as CDR.
+
+        Raises
+        ------
+        ValueError
+            If a field is missing, is one that this layout does not carry, or has another length than the
+            names; or if the stamp does not fit the message.
+        """
+        blocks = [pack_time(stamp_ns)]
+        for field, values in (("position", position), ("velocity", velocity), ("effort", effort)):
+            if values is not None:
+                array = np.asarray(values, dtype=_DOUBLE)
+                if array.shape != self._shape or field not in self._offsets:
+                    raise ValueError(self._mismatch(field, array.shape))
+                blocks.append(array.tobytes())
+            elif field in self._offsets:
+                raise ValueError(f"a message of this layout carries {field}, and none is given")
+        return self._frame.encode(*blocks)
+
+    def _mismatch(self, field: str, shape: tuple[int, ...]) -> str:
+        if field not in self.fields:
+            return f"a message of this layout does not carry {field}"
+        return f"{field} has shape {shape}, the message has {len(self.names)} names: {', '.join(self.names)}"
+
+    def decode(self, buffer: Bytes) -> JointStateSample | None:
+        """Return what a message carries, or None when `buffer` has another layout.
+
+        Another layout is: another length, other names, another ``frame_id``, another byte order, a frame cut
+        short, or trailing bytes.
+        """
+        if not self._frame.matches(buffer):
+            return None
+        data = buffer if isinstance(buffer, bytes) else bytes(buffer)  # arrays over bytes are read-only
+        return JointStateSample(
+            unpack_time(data, self._stamp_offset),
+            self._field(data, "position"),
+            self._field(data, "velocity"),
+            self._field(data, "effort"),
+        )
+
+    def decode_joint(self, buffer: Bytes, index: int) -> JointSample | None:
+        """Return one joint of a message, NaN for fields that it does not carry, or None for another layout.
+
+        It costs half of `decode`: each motor controller wants one motor of all, twice a cycle.
+        """
+        if not self._frame.matches(buffer):
+            return None
+        shift = 8 * index
+        position, velocity, effort = self._field_offsets
+        return JointSample(
+            unpack_time(buffer, self._stamp_offset),
+            math.nan if position is None else _ONE_DOUBLE(buffer, position + shift)[0],
+            math.nan if velocity is None else _ONE_DOUBLE(buffer, velocity + shift)[0],
+            math.nan if effort is None else _ONE_DOUBLE(buffer, effort + shift)[0],
+        )
+
+    def _field(self, data: bytes, field: str) -> NDArray[np.float64]:
+        offset = self._offsets.get(field)
+        if offset is None:
+            return _NONE
+        return np.frombuffer(data, _DOUBLE, self._shape[0], offset)
+
+    @classmethod
+    def of(cls, buffer: Bytes) -> "JointStateCodec":
+        """Return the codec for messages of the layout that `buffer` has.
+
+        Raises
+        ------
+        ValueError
+            If it is not a whole JointState in little-endian CDR with as many values as names.
+        """
+        scanner = Scanner(buffer)
+        scanner.skip_time()
+        frame_id = scanner.string()
+        names = [scanner.string() for _ in range(scanner.count())]
+        lengths = [scanner.skip_doubles() for _ in FIELDS]
+        codec = cls(names, frame_id, *(bool(length) for length in lengths))
+        if not codec.matches(buffer):
+            raise ValueError(
+                f"{len(buffer)} bytes are no JointState with one value a name: {len(names)} names, "
+                f"{', '.join(f'{length} x {field}' for field, length in zip(FIELDS, lengths, strict=True))}"
+            )
+        return codec
+
+    def matches(self, buffer: Bytes) -> bool:
+        """Return whether `buffer` is a message of this layout."""
+        return self._frame.matches(buffer)
+
+    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return for each of many messages of this layout's size, shape (n, size), whether it has the layout."""
+        return self._frame.matches_each(records)
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """Structured type of one message, to view many joined ones as columns.
+
+        Its fields are ``seconds``, ``nanoseconds`` and those fields that the layout carries.
+        """
+        offset = self._stamp_offset
+        names = ["seconds", "nanoseconds", *self._offsets]
+        formats = ["<i4", "<u4", *[(_DOUBLE, self._shape)] * len(self._offsets)]
+        offsets = [offset, offset + 4, *self._offsets.values()]
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size})
