@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cspr_control.analysis.figures.all_figures import paper as paper_figures
-from cspr_control.analysis.figures.all_figures import run as run_figures
+from cspr_control.analysis.figures import paper as paper_figures
+from cspr_control.analysis.figures import run as run_figures
 from cspr_control.analysis.figures.style import house_style, save_figure
 from cspr_control.analysis.numbers.cycles import cycle_periods
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
