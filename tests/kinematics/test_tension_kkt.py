@@ -266,9 +266,9 @@ def test_steps_stay_below_the_stated_cap() -> None:
 
 
 def test_a_solver_at_its_cap_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    from cspr_kinematics.tensions.distribute import _active_set as tension_active_set
-    from cspr_kinematics.tensions.distribute import _bounded as tension_kernels
-    from cspr_kinematics.tensions.distribute import _least_squares as tension_least_squares
+    from cspr_kinematics.tensions import _active_set as tension_active_set
+    from cspr_kinematics.tensions import _bounded as tension_kernels
+    from cspr_kinematics.tensions import _least_squares as tension_least_squares
 
     problem = make_problem(10, "anywhere", 1)
     inputs = problem.A, problem.w, problem.low, problem.high

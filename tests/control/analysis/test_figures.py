@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d import Axes3D
 
-from cspr_control.analysis.figures.all_figures import all_figures as figures
+from cspr_control.analysis.figures import all_figures as figures
 from cspr_control.analysis.figures.all_figures import payload_change, save_figures
 from cspr_control.analysis.figures.paper import (
     deviation_figure,
