@@ -1,9 +1,9 @@
 """The control graph: all control, wired once, whoever drives it.
 
-`ControlGraph` holds the components (trajectory player, feed-forward, a controller a motor, estimation of pose and
-payload, supervision) and the routes between them, which follow from the topics that each one hears. It reads no clock,
-starts no thread and knows nothing of ROS: the nodes drive it with what arrives on topics, the closed loop with simulated
-devices and simulated time, a re-run with a recording, the tests with a script.
+`ControlGraph` holds the components (trajectory player, feed-forward, one controller for each motor, estimation of pose
+and payload, supervision) and the routes between them, which follow from the topics that each one hears. It reads no
+clock, starts no thread and knows nothing of ROS: the nodes drive it with what arrives on topics, the closed loop with
+simulated devices in simulated time, a re-run with a recording, the tests with a script.
 
 To wire and drive it::
 
@@ -17,12 +17,12 @@ To wire and drive it::
 in which they came about, those that other components have heard as well:
 
 - `Publication(topic, sample)`: for the drives, the recorder, whoever listens.
-- `Call(component, service)`: a service to be called, of the drivers or of the graph itself; when its answer is there, some
-  time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph never answers by itself, so that
-  whoever drives it decides how long a service takes.
+- `Call(component, service)`: a service to be called, of the drivers or of the graph itself. When its answer is there,
+  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph never answers by itself, so
+  that whoever drives it decides how long a service takes.
 - `Remark(component, level, text)`: a line for the log.
 
-Samples are the records of `cspr_msgs_py.wire`; `cspr_control.graph_bytes` drives a graph with the bytes of messages.
+Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs` turns them into the bytes of messages.
 """
 
 from __future__ import annotations

@@ -52,8 +52,8 @@ class Timer(NamedTuple):
 class Component:
     """One part of the control graph. Pure: it reads no clock, and all that it does is what it returns.
 
-    What topic T of `inputs` brings goes to the method ``on_T(now, sample)``, slashes in its name as underscores. ``now``
-    is monotonic time in s, never before that of the call before.
+    What topic T of `inputs` brings goes to the method ``on_T(now, sample)``, slashes in its name as underscores.
+    ``now`` is monotonic time in s, never before that of the call before.
 
     Parameters
     ----------

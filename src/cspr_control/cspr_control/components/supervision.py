@@ -92,9 +92,7 @@ class SupervisionComponent(Component):
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
         """Return ``enable``, ``stop`` and ``reset``."""
         commands = (self.supervisor.enable, self.supervisor.stop, self.supervisor.reset)
-        return {
-            f"/{self.name}/{command.__name__}": partial(self._command, command) for command in commands
-        }
+        return {f"/{self.name}/{command.__name__}": partial(self._command, command) for command in commands}
 
     def _command(self, command: Callable[[float], Decision], now: float) -> tuple[Decision, Outputs]:
         self._observe_arrived()
@@ -192,9 +190,7 @@ class SupervisionComponent(Component):
         self._observe_arrived()
         supervisor = self.supervisor
         before = supervisor.state
-        outputs: list[Output] = [
-            Call(self.name, SERVICES[action]) for action in supervisor.update(now)
-        ]
+        outputs: list[Output] = [Call(self.name, SERVICES[action]) for action in supervisor.update(now)]
         if supervisor.state is not before and supervisor.fault is not None:
             outputs.append(Remark(self.name, Level.ERROR, f"stopped by {supervisor.fault}"))
         return [*outputs, *self._state_if_changed()]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from cspr_control.components.component import NOTHING, Component, Decision, Outputs, Publication, Remark
+from cspr_control.components.component import NOTHING, Component, Outputs, Publication, Remark
 from cspr_control.errors import ControlError, TrajectoryError
 from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
+from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import KinematicsError, Pose, Robot
 from cspr_msgs_py.topics import (
     MOTOR_STATES,
@@ -25,7 +26,6 @@ from cspr_msgs_py.vocabulary import Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
 from cspr_msgs_py.wire.samples import PoseSample, Status
-
 
 FOLLOWING = (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING)
 """States in which the motors follow, or are about to follow, the reference."""
@@ -96,7 +96,9 @@ class TrajectoryComponent(Component):
     def start(self, now: float) -> tuple[Decision, Outputs]:
         """Begin the trajectory of the settings; refused while the robot is not enabled."""
         settings = self._settings
-        return self.play(lambda present: make_trajectory(settings.name, self._robot, present, settings.options))
+        return self.play(
+            lambda present: make_trajectory(settings.name, self._robot, present, settings.options)
+        )
 
     def play(self, make: Callable[[Pose], Trajectory]) -> tuple[Decision, Outputs]:
         """Begin the trajectory that is made for the pose at which the reference rests; refused as `start` is."""
@@ -150,8 +152,8 @@ class TrajectoryComponent(Component):
         if state := self._state_if_changed():
             outputs += state
             if self.player.interruption:
-                text = f"{self.player.trajectory_name} was given up, the platform holds its pose: {self.player.interruption}"
-                outputs.append(Remark(self.name, Level.WARN, text))
+                given_up = f"{self.player.trajectory_name} was given up, the platform holds its pose"
+                outputs.append(Remark(self.name, Level.WARN, f"{given_up}: {self.player.interruption}"))
         return outputs
 
     def _sample(self, stamp: int, reference: ReferencePoint) -> ReferenceSample:

@@ -98,7 +98,7 @@ def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySe
 def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLimits:
     """Return the limits of the supervisor: those of the robot, and the given ones; ages as ``max_age.setpoint``."""
     default = SupervisionLimits()
-    of_robot = {
+    of_robot: dict[str, Any] = {
         "tension_min": robot.tension_min,
         "tension_max": robot.tension_max,
         "motor_speed": robot.motor.speed_limit,
