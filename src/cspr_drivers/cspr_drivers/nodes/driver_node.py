@@ -14,7 +14,8 @@ from std_srvs.srv import Trigger
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.config.can_config import CanConfig
-from cspr_msgs_py.runtime.process import declare
+from cspr_msgs_py.parameters.table import AUTOSTART, CAN_CONFIG
+from cspr_msgs_py.runtime.parameters import declare
 
 
 class DriverNode(LifecycleNode):
@@ -41,9 +42,7 @@ class DriverNode(LifecycleNode):
         self.config = load_config(self) if config is None else config
         self.shared_ports = ports if isinstance(ports, SharedPorts) else SharedPorts(self.config, ports)
         self.active = False
-        self._autostart = declare(
-            self, "autostart", True, "configure and activate the node at its start", read_only=True
-        )
+        self._autostart = declare(self, AUTOSTART)
         self._ports: CanPorts | None = None
         self._error: Exception | None = None
         self._starting = False  # then what goes wrong ends the process, and is said there
@@ -172,5 +171,4 @@ class DriverNode(LifecycleNode):
 
 def load_config(node: Node) -> CanConfig:
     """Return the configuration that the node's parameter ``can_config`` names."""
-    path = declare(node, "can_config", "config/can.yaml", "file that describes the CAN side", read_only=True)
-    return CanConfig.from_yaml(Path(path))
+    return CanConfig.from_yaml(Path(declare(node, CAN_CONFIG)))
