@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
 from cspr_control.reference.paper import paper_18, paper_19_tilt
 from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Payload, Robot
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 
 FloatArray = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def along(
     robot: Robot, trajectory: Trajectory, payload_at: Callable[[float], float], name: str
 ) -> TensionStudy:
     """Return the tensions of both models; ``payload_at`` gives the payload's mass (kg) at a time (s)."""
-    time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1) * SAMPLE_TIME
+    time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1, dtype=np.float64) * SAMPLE_TIME
     payload = np.array([payload_at(t) for t in time])
     tensions, feasible = {}, True
     for model in (FeedforwardModel.DYNAMIC, FeedforwardModel.STATIC):

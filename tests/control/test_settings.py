@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cspr_control.estimation.payload import EstimatorSettings
-from cspr_control.motors.feedforward import FeedforwardModel, FeedforwardSettings, PayloadSource
+from cspr_control.motors.feedforward import FeedforwardSettings
 from cspr_control.motors.motor_control import MotorGains
 from cspr_control.parameters.settings import (
     estimator_settings,
@@ -34,16 +34,13 @@ def test_the_shipped_file_makes_the_settings_that_there_are_without_it(file, rob
     limits = supervision_limits(robot, file.values("supervisor"))
     assert limits.max_ages == SupervisionLimits().max_ages
     assert limits.tension_max == robot.tension_max
-    home = {"move_position": robot.home.position, "move_orientation": robot.home.euler}
-    name, options = trajectory_settings(robot, file.values("trajectory_publisher") | home)
-    assert name is TrajectoryName.PAPER_19
-    assert options.limits.speed == 0.2
+    trajectory = trajectory_settings(robot, file.values("trajectory_publisher"))
+    assert trajectory.name is TrajectoryName.PAPER_19
+    assert trajectory.options.limits.speed == 0.2
 
 
 def test_the_table_names_what_can_be_chosen() -> None:
     for node, name, words in (
-        ("feedforward", "model", [model.value for model in FeedforwardModel]),
-        ("feedforward", "payload_source", [source.value for source in PayloadSource]),
         ("feedforward", "tension_method", bounded_methods(8)),
         ("trajectory_publisher", "trajectory", [name.value for name in TrajectoryName]),
     ):

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from cspr_kinematics import (
     CableReachError,
+    ConfigurationFileError,
     InvalidInputError,
     KinematicsError,
     Pose,
     Pulleys,
     Robot,
-    RobotFileError,
     Winch,
     cable_lengths,
     home_lengths,
@@ -56,7 +56,6 @@ def hull_length(s: float, h: float, radius: float) -> float:
     return float(hull.area - closing - 50.0)  # the "area" of a plane hull is its perimeter
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.floats(0.0, 2.0 * np.pi), st.floats(0.3, 4.0), st.floats(-4.0, -0.2), st.floats(0.01, 0.12))
 def test_length_is_that_of_a_taut_string(turn: float, s: float, h: float, radius: float) -> None:
     point = np.array([s * np.cos(turn), s * np.sin(turn), h])
@@ -64,7 +63,6 @@ def test_length_is_that_of_a_taut_string(turn: float, s: float, h: float, radius
     assert length == pytest.approx(hull_length(s, h, radius), abs=2e-8)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.tuples(*[st.floats(-3.0, 3.0)] * 3),
     st.floats(0.01, 0.3),
@@ -295,7 +293,7 @@ def test_the_two_shipped_files_differ_by_their_pulleys(robot_file: Path, robot_w
 def test_wrong_pulleys_in_the_file(robot_file: Path, pulleys: Any, key: str, reason: str) -> None:
     mapping = yaml.safe_load(robot_file.read_text())
     mapping["pulleys"] = pulleys
-    with pytest.raises(RobotFileError, match=reason) as caught:
+    with pytest.raises(ConfigurationFileError, match=reason) as caught:
         Robot.from_mapping(mapping)
     assert caught.value.key == key
 

@@ -17,14 +17,7 @@ from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
-
-CONTROLLERS: dict[str, tuple[str, str]] = {
-    "pd": ("none", "nominal"),
-    "static": ("static", "nominal"),
-    "pdff": ("dynamic", "nominal"),
-    "pdff-mass": ("dynamic", "estimated"),
-}
-"""Feed-forward model and payload source of each of the paper's controllers."""
+from cspr_msgs_py.vocabulary import Controller, PayloadSource, controller_label
 
 TRAJECTORIES = [
     name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
@@ -66,7 +59,7 @@ class Scenario:
     Attributes
     ----------
     controller, exact_mass
-        One of `CONTROLLERS`, and whether the feed-forward is told the true mass.
+        What is compared, and whether the feed-forward is told the true mass.
     trajectory
         One of `TRAJECTORIES`.
     payload, added
@@ -77,7 +70,7 @@ class Scenario:
         Seconds of the simulated machine in a second of the computer.
     """
 
-    controller: str
+    controller: Controller
     exact_mass: bool
     trajectory: str
     payload: float
@@ -88,7 +81,7 @@ class Scenario:
     @property
     def title(self) -> str:
         """The controller in words."""
-        return f"{self.controller} (exact mass)" if self.exact_mass else self.controller
+        return controller_label(self.controller, self.exact_mass)
 
     def copy_configuration(self, source: Path, target: Path) -> None:
         """Copy a configuration directory and change what this run has otherwise.
@@ -99,7 +92,6 @@ class Scenario:
             If a file lacks what has to be changed.
         """
         shutil.copytree(source, target, ignore=shutil.ignore_patterns("views"))
-        model, payload_source = CONTROLLERS[self.controller]
         with _edited(target / "simulation.yaml") as simulation:
             simulation["payload"]["mass"] = self.payload
             simulation["payload_changes"] = []
@@ -118,8 +110,8 @@ class Scenario:
         except ParameterError as error:
             raise DemoError(f"{control_file} is not as the demo needs it: {error}") from error
         # the truth comes over the same path as the estimate would
-        payload_source = "estimated" if self.exact_mass else payload_source
-        control.change("feedforward", {"model": model, "payload_source": payload_source})
+        payload = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
+        control.change("feedforward", {"model": str(self.controller.model), "payload_source": str(payload)})
         control.change("trajectory_publisher", {"trajectory": self.trajectory})
         control_file.write_text(control.text(), encoding="utf-8")
 

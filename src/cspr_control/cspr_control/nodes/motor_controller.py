@@ -21,7 +21,8 @@ from cspr_msgs_py.parameters.table import MOTOR, SETPOINT_TIMEOUT
 from cspr_msgs_py.runtime.parameters import declare, declare_all
 from cspr_msgs_py.runtime.process import LEAN_NODE, Diagnostics, advertise, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, motor_command, motor_names
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 

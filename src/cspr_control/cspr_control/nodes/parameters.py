@@ -23,7 +23,7 @@ def declare_robot(node: Node) -> Robot:
 
     Raises
     ------
-    cspr_kinematics.RobotFileError
+    cspr_kinematics.ConfigurationFileError
         If the file is missing or does not describe a robot.
     """
     return Robot.from_yaml(declare(node, ROBOT_CONFIG))

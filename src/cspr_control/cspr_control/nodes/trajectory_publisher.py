@@ -11,13 +11,13 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from cspr_control.components.trajectory import TrajectorySettings
 from cspr_control.errors import ControlError, TrajectoryError
 from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
 from cspr_control.parameters.settings import trajectory_settings
-from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
-from cspr_control.reference.player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.catalogue import make_trajectory
+from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.reference_point import ReferencePoint
-from cspr_control.supervision.supervisor import RobotState
 from cspr_kinematics import KinematicsError, Pose
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all
@@ -30,7 +30,8 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     motor_names,
 )
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_diagnostic_status, from_pose_stamped
+from cspr_msgs_py.vocabulary import Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.conversions import diagnostic_status, from_diagnostic_status, from_pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
@@ -53,8 +54,9 @@ class TrajectoryPublisher(Node):
         values = declare_all(self, move_position=home.position.tolist(), move_orientation=home.euler.tolist())
         self._period = round(SECOND / values["control_rate"])
         self._options = ChangeableParameters(self, partial(trajectory_settings, self._robot), self._apply)
+        settings = self._options.settings
         self._player = TrajectoryPlayer(
-            self._options.settings[1].limits, *(values[name] for name in ("dwell", "stop_time", "max_gap"))
+            settings.options.limits, settings.dwell, settings.stop_time, settings.max_gap
         )
         self._robot_state: RobotState | None = None
         self._unusable = 0
@@ -73,8 +75,8 @@ class TrajectoryPublisher(Node):
         self._diagnostics = Diagnostics(self, self._status)
         self._publish_state()
 
-    def _apply(self, settings: tuple[TrajectoryName, TrajectoryOptions]) -> None:
-        self._player.limits = settings[1].limits
+    def _apply(self, settings: TrajectorySettings) -> None:
+        self._player.limits = settings.options.limits
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -84,8 +86,8 @@ class TrajectoryPublisher(Node):
             present = self._player.held_pose  # where it rests; if it does not, start refuses
             if present is None:
                 raise TrajectoryError("no pose of the platform is known yet")
-            name, options = self._options.settings
-            self._player.start(make_trajectory(name, self._robot, present, options))
+            settings = self._options.settings
+            self._player.start(make_trajectory(settings.name, self._robot, present, settings.options))
         except (ControlError, KinematicsError) as error:
             response.message = f"refused: {error}"
             return response
@@ -178,10 +180,9 @@ class TrajectoryPublisher(Node):
         return True
 
     def _status(self) -> list[DiagnosticStatus]:
-        name, _ = self._options.settings
         idle = self._player.phase is TrajectoryPhase.IDLE
         values = {
-            "selected": name.value,
+            "selected": self._options.settings.name.value,
             "trajectory": self._player.trajectory_name,
             "references": self._references,
             "unusable_messages": self._unusable,

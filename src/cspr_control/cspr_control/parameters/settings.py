@@ -10,19 +10,16 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
+from cspr_control.components.trajectory import TrajectorySettings
 from cspr_control.errors import SettingError, TrajectoryError
 from cspr_control.estimation.payload import EstimatorSettings
-from cspr_control.motors.feedforward import (
-    FeedforwardModel,
-    FeedforwardSettings,
-    PayloadSource,
-    checked_payload,
-)
+from cspr_control.motors.feedforward import FeedforwardSettings, checked_payload
 from cspr_control.motors.motor_control import MotorGains
 from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_kinematics import Pose, Robot, bounded_methods
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 
 Settings = TypeVar("Settings")
 
@@ -60,21 +57,28 @@ def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> Fe
     )
 
 
-def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> tuple[TrajectoryName, TrajectoryOptions]:
-    """Return which trajectory comes next, and its options; raises TrajectoryError for what does not fit."""
+def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySettings:
+    """Return the settings of the player.
+
+    Raises
+    ------
+    ControlError, cspr_kinematics.KinematicsError
+        If they do not fit the robot: what does not is refused now rather than at the start.
+    """
     name = TrajectoryName.parse(values["trajectory"])
-    for vector in ("move_position", "move_orientation"):
-        if len(values[vector]) != 3:
-            raise TrajectoryError(f"{vector} has {len(values[vector])} elements; 3 are needed")
+    home = {"move_position": robot.home.position, "move_orientation": robot.home.euler}
+    goal = {vector: values.get(vector, default) for vector, default in home.items()}
+    for vector, elements in goal.items():
+        if len(elements) != 3:
+            raise TrajectoryError(f"{vector} has {len(elements)} elements; 3 are needed")
     options = TrajectoryOptions(
         limits=_of(MotionLimits, values),
-        goal=Pose.from_euler(values["move_position"], *values["move_orientation"]),
+        goal=Pose.from_euler(goal["move_position"], *goal["move_orientation"]),
         blend_time=values["blend_time"],
         hold_duration=values["hold_duration"],
     )
-    # Anything that does not fit is refused now rather than at the start.
     make_trajectory(name, robot, robot.home, options)
-    return name, options
+    return TrajectorySettings(name, options, values["dwell"], values["stop_time"], values["max_gap"])
 
 
 def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLimits:

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from cspr_drivers import clock
+from cspr_drivers.clock import COMPUTER, SlowClock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
@@ -28,7 +28,8 @@ from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer, subscribe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_inertia_stamped, inertia_stamped
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status, from_inertia_stamped, inertia_stamped
 
 _PAYLOAD_PERIOD = 0.02  # s
 _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn
@@ -48,6 +49,8 @@ class SimulatedRobot(Node):
     ----------
     config
         `can.yaml`, with the buses on which the devices are.
+    clock
+        Clock of the machine.
     """
 
     def __init__(self, virtual: bool = True, **options: Any) -> None:
@@ -55,11 +58,11 @@ class SimulatedRobot(Node):
         config = load_config(self)
         self.config = on_virtual_buses(config) if virtual else config
         values = declare_all(self)
-        clock.set_speed(values["speed"])
+        self.clock = COMPUTER if values["speed"] == 1.0 else SlowClock(values["speed"])
         simulation = SimulationConfig.from_yaml(values["simulation_config"])
         eds_directory = Path(self.config.source).parent / "eds"
         self._emulator = RobotEmulator(
-            self.config, simulation, _plant(simulation), eds_directory, values["bus_timing"]
+            self.config, simulation, _plant(simulation), eds_directory, values["bus_timing"], self.clock
         )
         self._payload = advertise(self, SIMULATED_PAYLOAD)
         subscribe(self, SET_SIMULATED_PAYLOAD, self._set_payload)
@@ -81,7 +84,7 @@ class SimulatedRobot(Node):
         if self._emulator.failure is not None:
             raise self._emulator.failure
         payload = self._emulator.payload
-        self._payload.publish(inertia_stamped(clock.time_ns(), payload.mass, payload.center_of_mass))
+        self._payload.publish(inertia_stamped(self.clock.system_ns(), payload.mass, payload.center_of_mass))
         slack = self._emulator.slack_cables()
         for cable in sorted(set(slack) - set(self._slack)):
             self._slack_events += 1
@@ -162,7 +165,7 @@ def on_virtual_buses(config: CanConfig) -> CanConfig:
 def create_nodes(**options: Any) -> list[Node]:
     """Return the drivers' nodes and, last to be destroyed, the one that owns what is behind them."""
     simulated = SimulatedRobot(**options)
-    drives = CanDrives(simulated.config, **options)
+    drives = CanDrives(simulated.config, clock=simulated.clock, **options)
     return [drives, LoadCells(simulated.config, drives.shared_ports, **options), simulated]
 
 

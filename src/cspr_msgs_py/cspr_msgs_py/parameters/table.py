@@ -14,6 +14,7 @@ from typing import Any
 
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.row import NodeParameter
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 
 ALL_NODES = "/**"
 """Stands for every node in files and on the command line."""
@@ -97,8 +98,8 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "feedforward": (
         ROBOT_CONFIG,
-        _live("model", "dynamic", "What the torque anticipates", choices=("none", "static", "dynamic")),
-        _live("payload_source", "estimated", "Payload counted on", choices=("nominal", "estimated")),
+        _live("model", "dynamic", "What the torque anticipates", choices=tuple(FeedforwardModel)),
+        _live("payload_source", "estimated", "Payload counted on", choices=tuple(PayloadSource)),
         _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
         _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m"),
         _MAX_PAYLOAD,

@@ -1,0 +1,56 @@
+"""The settings of all components of the control graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cspr_control.components.motor import MotorSettings
+from cspr_control.components.pose import PoseSettings
+from cspr_control.components.trajectory import TrajectorySettings
+from cspr_control.estimation.payload import EstimatorSettings
+from cspr_control.motors.feedforward import FeedforwardSettings
+from cspr_control.parameters.settings import (
+    estimator_settings,
+    feedforward_settings,
+    motor_gains,
+    supervision_limits,
+    trajectory_settings,
+)
+from cspr_control.supervision.checks import SupervisionLimits
+from cspr_kinematics import Robot
+from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import CONTROL_RATE
+
+
+@dataclass(frozen=True)
+class ControlSettings:
+    """Settings of every component of the control graph; `period` is that of the control cycle, s."""
+
+    trajectory: TrajectorySettings
+    period: float = 1.0 / CONTROL_RATE.default
+    feedforward: FeedforwardSettings = field(default_factory=FeedforwardSettings)
+    motors: MotorSettings = field(default_factory=MotorSettings)
+    pose: PoseSettings = field(default_factory=PoseSettings)
+    payload: EstimatorSettings = field(default_factory=EstimatorSettings)
+    supervision: SupervisionLimits = field(default_factory=SupervisionLimits)
+
+
+def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings:
+    """Return what a parameter file gives to the control nodes, as those would read it.
+
+    Raises
+    ------
+    ControlError, cspr_kinematics.KinematicsError, cspr_msgs_py.errors.ParameterError
+        If a value does not fit its parameter.
+    """
+    gains = parameters.values("motor_control_gains")
+    controllers = parameters.values("motor_controller_1")
+    return ControlSettings(
+        trajectory_settings(robot, parameters.values("trajectory_publisher")),
+        1.0 / gains["control_rate"],
+        feedforward_settings(robot.number_of_cables, parameters.values("feedforward")),
+        MotorSettings(motor_gains(robot, gains), controllers["setpoint_timeout"]),
+        PoseSettings(parameters.values("pose_estimator")["rate"]),
+        estimator_settings(parameters.values("mass_estimator")),
+        supervision_limits(robot, parameters.values("supervisor")),
+    )
