@@ -637,7 +637,7 @@ def test_supervisor_that_goes_closes_the_brakes(bench):
 
     bench.probe.create_service(Trigger, "/can_drives/quick_stop", answer)
     bench.until(lambda: bench.is_discovered(node, "/can_drives/quick_stop"))
-    node._supervisor.state = RobotState.ENABLED
+    node.component.supervisor.state = RobotState.ENABLED
     bench.remove(node)
     leaving = threading.Thread(target=node.make_safe)
     leaving.start()

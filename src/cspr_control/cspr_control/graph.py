@@ -192,10 +192,13 @@ def control_graph(
     m = robot.number_of_cables
     return ControlGraph(
         (
-            *(MotorComponent(number, robot.motor, settings.motors) for number in range(1, m + 1)),
+            *(
+                MotorComponent(number, robot.motor, settings.gains, settings.setpoint_timeout)
+                for number in range(1, m + 1)
+            ),
             TrajectoryComponent(robot, settings.trajectory, settings.period),
             FeedforwardComponent(robot, settings.feedforward),
-            PoseComponent(robot, settings.pose, settings.period),
+            PoseComponent(robot, settings.pose_rate, settings.period),
             PayloadComponent(robot, settings.payload),
             SupervisionComponent(m, settings.supervision),
         ),

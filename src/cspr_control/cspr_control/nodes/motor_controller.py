@@ -36,7 +36,7 @@ class MotorControllerNode(ComponentNode):
     """
 
     def __init__(self, motor: int, gains: MotorGains | None = None, **options: Any) -> None:
-        lean = LEAN_NODE if gains is not None else {}
+        lean: Any = LEAN_NODE if gains is not None else {}
         super().__init__(f"motor_controller_{motor}", **lean, **options)
         robot = self.robot
         count = robot.number_of_cables

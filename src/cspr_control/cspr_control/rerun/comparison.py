@@ -100,9 +100,7 @@ def compare_payloads(
     )
 
 
-def _quality(
-    estimate: Inertias | None, truth: Inertias | None, tensions: JointStates
-) -> MassQuality | None:
+def _quality(estimate: Inertias | None, truth: Inertias | None, tensions: JointStates) -> MassQuality | None:
     if estimate is None or truth is None or len(estimate.mass) == 0:
         return None
     # a truth that is told on after the estimates have ended says nothing about them
