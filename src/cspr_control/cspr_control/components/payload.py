@@ -56,7 +56,7 @@ class PayloadComponent(Component):
 
     def timers(self) -> tuple[Timer, ...]:
         """Return the update and the report."""
-        return (Timer(UPDATE_PERIOD, self.update), *super().timers())
+        return (*super().timers(), Timer(UPDATE_PERIOD, self.update))
 
     def update(self, now: float) -> Outputs:
         """Return the payload as it is now, and a report when the measurements become usable or cease to be."""

@@ -88,7 +88,7 @@ class SupervisionComponent(Component):
 
     def timers(self) -> tuple[Timer, ...]:
         """Return the checks and the report."""
-        return (Timer(PERIOD, self.update), *super().timers())
+        return (*super().timers(), Timer(PERIOD, self.update))
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
         """Return ``enable``, ``stop`` and ``reset``."""

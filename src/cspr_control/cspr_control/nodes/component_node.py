@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from cspr_control.components.component import Call, Component, Outputs, Publication, Timer
+from cspr_control.components.component import Call, Component, Outputs, Publication, Remark, Timer
 from cspr_control.graph import ControlGraph
 from cspr_control.nodes.parameters import ChangeableParameters, Settings, declare_robot
 from cspr_control.supervision.supervisor import Decision
@@ -114,9 +114,16 @@ class Wiring:
             elif isinstance(output, Call):
                 waiting += self._call(output)
             else:
-                logger = self._nodes[output.component].get_logger()
-                log = {Level.OK: logger.info, Level.WARN: logger.warning}.get(output.level, logger.error)
-                log(output.text)
+                self._log(output)
+
+    def _log(self, remark: Remark) -> None:
+        logger = self._nodes[remark.component].get_logger()
+        if remark.level is Level.OK:  # a line of rclpy's logger has one severity for ever
+            logger.info(remark.text)
+        elif remark.level is Level.WARN:
+            logger.warning(remark.text)
+        else:
+            logger.error(remark.text)
 
     def _call(self, call: Call) -> Outputs:
         """Call a service; returns what its component makes of it when nobody is there to answer."""
