@@ -1,4 +1,4 @@
-"""The picture of the robot at the top of README.md: `python -m studies.robot_picture`; it needs EGL."""
+"""The picture of the robot at the top of the README: `python docs/robot_picture.py`; it needs EGL."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from cspr_control.markers.robot_markers import (
     trajectory_shape,
 )
 from cspr_control.reference.paper import paper_18
-from cspr_kinematics import Payload, Pose, Robot, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
 
 ROOT = Path(__file__).parents[1]
-PICTURE = ROOT / "docs" / "robot.png"
+PICTURE = Path(__file__).with_name("robot.png")
 SIZE, OVERSAMPLING = (1200, 560), 2
 CABLE, ROPE, PATH = 0.022, 0.03, 0.02  # m; thicker than they are, to be seen
 PAYLOAD = Payload(200.0, np.array([0.0, 0.0, -0.35]))
