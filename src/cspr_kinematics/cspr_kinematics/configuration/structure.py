@@ -57,8 +57,8 @@ def unknown_key(name: object, known: Iterable[str]) -> str:
     known = sorted(known)
     lower = {key.lower(): key for key in known}
     nearest = difflib.get_close_matches(str(name).lower(), lower, 1)
-    meant = f"; did you mean {lower[nearest[0]]}?" if nearest else ""
-    return f"unknown key{meant}; known here: {', '.join(known)}"
+    meant = f"; did you mean {lower[nearest[0]]}? Known here: " if nearest else "; known here: "
+    return f"unknown key{meant}{', '.join(known)}"
 
 
 @contextmanager
