@@ -3,10 +3,10 @@
 from cspr_kinematics.dynamics.dynamics import GRAVITY, balance_regressor, required_wrench, static_wrench
 from cspr_kinematics.errors import (
     CableReachError,
+    ConfigurationFileError,
     ForwardKinematicsError,
     InvalidInputError,
     KinematicsError,
-    RobotFileError,
     SingularWrenchMatrixError,
 )
 from cspr_kinematics.kinematics.accuracy import pose_covariance
@@ -38,6 +38,7 @@ __all__ = [
     "Acceleration",
     "CableReachError",
     "Cables",
+    "ConfigurationFileError",
     "Feasibility",
     "ForwardKinematicsError",
     "ForwardKinematicsSolution",
@@ -55,7 +56,6 @@ __all__ = [
     "Pulleys",
     "RigidBody",
     "Robot",
-    "RobotFileError",
     "SingularWrenchMatrixError",
     "Task",
     "TensionBlend",
