@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.canopen.cia404 import status_text
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency, after
@@ -234,7 +233,7 @@ class LoadCellMaster:
 
     def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:
-            message = Emergency(code, register, data, clock.monotonic())
+            message = Emergency(code, register, data, self._ports.clock.monotonic())
             self._errors[index] = after(self._errors[index], message)
 
     def _tare(self) -> None:

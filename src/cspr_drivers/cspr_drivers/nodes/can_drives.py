@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from cspr_drivers.bus.bus_load import require_fitting_load
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
@@ -45,9 +46,10 @@ class CanDrives(DriverNode):
         self,
         config: CanConfig | None = None,
         ports: SharedPorts | CanPorts | None = None,
+        clock: Clock = COMPUTER,
         **options: Any,
     ) -> None:
-        super().__init__("can_drives", config, ports, **options)
+        super().__init__("can_drives", config, ports, clock, **options)
         self._rate = declare(
             self,
             "control_rate",

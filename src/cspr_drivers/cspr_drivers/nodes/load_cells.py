@@ -7,9 +7,9 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
@@ -36,9 +36,10 @@ class LoadCells(DriverNode):
         self,
         config: CanConfig | None = None,
         ports: SharedPorts | CanPorts | None = None,
+        clock: Clock = COMPUTER,
         **options: Any,
     ) -> None:
-        super().__init__("load_cells", config, ports, **options)
+        super().__init__("load_cells", config, ports, clock, **options)
         self._tare_limit = declare(
             self,
             "tare_limit",
@@ -83,13 +84,13 @@ class LoadCells(DriverNode):
 
     def _watch(self) -> None:
         if self._master is not None:
-            self._master.watch(clock.monotonic())
+            self._master.watch(self.ports.clock.monotonic())
 
     def _watch_cells(self) -> None:
         if self._master is None:
             return
         self._since_published += STATE_PERIOD
-        problems = self._master.problems(clock.monotonic())
+        problems = self._master.problems(self.ports.clock.monotonic())
         if problems == self._published and self._since_published < 1.0:
             return
         self._published = problems
@@ -103,7 +104,7 @@ class LoadCells(DriverNode):
     def _report(self) -> list[DiagnosticStatus]:
         if self._master is None:
             return [not_configured(self.get_name())]
-        report = self._master.snapshot(clock.monotonic())
+        report = self._master.snapshot(self.ports.clock.monotonic())
         return [
             *load_cell_diagnostics(self._names, report),
             *(bus_status("load_cells", port) for port in self.ports),
