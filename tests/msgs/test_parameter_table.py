@@ -61,7 +61,7 @@ def test_later_values_win_and_must_fit() -> None:
 
 def test_the_table_names_what_a_bag_can_be_compressed_with() -> None:
     (row,) = (row for row in TABLE["recorder"] if row.name == "compression")
-    assert row.choices == tuple(member.value for member in Compression)
+    assert set(row.choices) == {member.value for member in Compression}
 
 
 def test_nodes_that_are_not_ours_have_no_parameters() -> None:
