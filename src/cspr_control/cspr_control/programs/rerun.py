@@ -31,7 +31,6 @@ from cspr_control.rerun.recording import Configuration, Recording, schedule
 from cspr_control.rerun.rerun import (
     EstimatedPayloads,
     Progress,
-    Setpoints,
     rerun_estimator,
     rerun_feedforward,
     update_times,
@@ -39,7 +38,7 @@ from cspr_control.rerun.rerun import (
 from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias
+from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates
 from cspr_msgs_py.errors import MessagesError, ParameterError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.parameters.table import known_parameter
@@ -174,7 +173,7 @@ def _estimate(
 
 def _answer(
     recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
-) -> tuple[Setpoints, SetpointComparison, dict[str, Any]]:
+) -> tuple[JointStates, SetpointComparison, dict[str, Any]]:
     build = partial(feedforward_settings, recording.robot.number_of_cables)
     settings, values = schedule(recording, "feedforward", build, given)
     references = recording.references()
@@ -191,7 +190,7 @@ def _answer(
     return setpoints, compare_setpoints(setpoints, recorded), values
 
 
-def _known_before(recording: Recording, payloads: Inertias | EstimatedPayloads) -> Payload | None:
+def _known_before(recording: Recording, payloads: Inertias) -> Payload | None:
     """Return the first payload if it must have been told before the recording began.
 
     An estimator that begins leaves zero at a limited rate; a first estimate beyond that is not its first one.
