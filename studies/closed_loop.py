@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 
@@ -15,14 +15,7 @@ from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
 from cspr_control.estimation.pose import PoseEstimator
 from cspr_control.motors.feedforward import Feedforward, Setpoint
 from cspr_control.motors.motor_control import MotorController, MotorGains
-from cspr_control.parameters.file import ParameterFile
-from cspr_control.parameters.tables import (
-    FEEDFORWARD,
-    MASS_ESTIMATOR,
-    estimator_settings,
-    feedforward_settings,
-    parameter_values,
-)
+from cspr_control.parameters.settings import estimator_settings, feedforward_settings, motor_gains
 from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
 from cspr_control.reference.player import TrajectoryPlayer
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
@@ -30,6 +23,7 @@ from cspr_control.reference.reference_point import ReferencePoint
 from cspr_drivers.simulation.plant.plant import Plant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload, Pulleys, Robot
+from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryPhase
 
 CONFIG = Path(__file__).parents[1] / "config"
@@ -102,18 +96,16 @@ def run(settings: LoopSettings, config_directory: Path = CONFIG) -> LoopRecord:
     plant, noise = Plant(config), np.random.default_rng(config.seed)
     m = robot.number_of_cables
     limits = MotionLimits(speed=0.4, acceleration=0.5, angular_speed=0.3, angular_acceleration=0.5)
-    values = parameter_values(FEEDFORWARD, parameters.of("feedforward"))
+    values = parameters.values("feedforward")
     feedforward = Feedforward(
         robot,
         replace(
             feedforward_settings(m, values), model=settings.model, payload_source=settings.payload_source
         ),
     )
-    gains = settings.gains or motor_gains(parameters)
+    gains = settings.gains or motor_gains(robot, parameters.values("motor_control_gains"))
     controllers = [MotorController(robot.motor, gains) for _ in range(m)]
-    estimator = settings.estimator or estimator_settings(
-        parameter_values(MASS_ESTIMATOR, parameters.of("mass_estimator"))
-    )
+    estimator = settings.estimator or estimator_settings(parameters.values("mass_estimator"))
     pose_estimator, payload_estimator = PoseEstimator(robot), PayloadEstimator(robot, estimator)
     trajectory = make_trajectory(
         settings.trajectory, robot, robot.home, TrajectoryOptions(limits, robot.home)
@@ -202,12 +194,6 @@ def run(settings: LoopSettings, config_directory: Path = CONFIG) -> LoopRecord:
         simulated=simulated,
         elapsed=monotonic() - began,
     )
-
-
-def motor_gains(parameters: ParameterFile) -> MotorGains:
-    """Return the gains that a parameter file gives to the motor controllers."""
-    given = parameters.of("motor_control_gains")
-    return MotorGains(**{f.name: given[f.name] for f in fields(MotorGains) if f.name in given})
 
 
 def settling_time(record: LoopRecord) -> float:

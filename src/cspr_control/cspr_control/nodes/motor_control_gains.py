@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
 
 from cspr_control.motors.motor_control import MotorGains
-from cspr_control.nodes.gain_parameters import declare_gains
+from cspr_control.nodes.component_node import Wiring
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.parameters import declare_control_period, declare_robot
+from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.parameters.settings import motor_gains
+from cspr_msgs_py.runtime.parameters import declare_all
 
 
 class MotorControlGains(Node):
@@ -24,15 +27,17 @@ class MotorControlGains(Node):
         One node a motor of the robot.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, wiring: Wiring | None = None, **options: Any) -> None:
         super().__init__("motor_control_gains", **options)
         robot = declare_robot(self)
-        parameters = declare_gains(self, robot, declare_control_period(self), self._apply)
+        declare_all(self)
+        gains = ChangeableParameters(self, partial(motor_gains, robot), self._apply).settings
+        wiring = wiring or Wiring()
         self.controllers = tuple(
-            MotorControllerNode(motor, parameters.settings, robot, **options)
+            MotorControllerNode(motor, gains, wiring=wiring, robot=robot, **options)
             for motor in range(1, robot.number_of_cables + 1)
         )
 
     def _apply(self, gains: MotorGains) -> None:
         for controller in self.controllers:
-            controller.set_gains(gains)
+            controller.component.configure(gains)

@@ -1,4 +1,4 @@
-"""The payload estimator and the feed-forward once more over a recorded bag, with other parameters; without ROS."""
+"""Run the payload estimator and the feed-forward again over a recorded bag, with other parameters."""
 
 from __future__ import annotations
 
@@ -17,14 +17,7 @@ import yaml
 
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.estimation.payload import UPDATE_PERIOD
-from cspr_control.parameters.tables import (
-    FEEDFORWARD,
-    MASS_ESTIMATOR,
-    estimator_settings,
-    feedforward_settings,
-    known_parameter,
-    parameter_values,
-)
+from cspr_control.parameters.settings import estimator_settings, feedforward_settings
 from cspr_control.rerun.bag import write_rerun
 from cspr_control.rerun.comparison import (
     Comparison,
@@ -38,7 +31,6 @@ from cspr_control.rerun.recording import Configuration, Recording, schedule
 from cspr_control.rerun.rerun import (
     EstimatedPayloads,
     Progress,
-    Setpoints,
     rerun_estimator,
     rerun_feedforward,
     update_times,
@@ -46,13 +38,16 @@ from cspr_control.rerun.rerun import (
 from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias
-from cspr_msgs_py.errors import MessagesError
+from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates
+from cspr_msgs_py.errors import MessagesError, ParameterError
+from cspr_msgs_py.json_file import write_json
+from cspr_msgs_py.parameters.table import known_parameter
+from cspr_msgs_py.programs.command_line import program_parser
 
-NODES = {"mass_estimator": MASS_ESTIMATOR, "feedforward": FEEDFORWARD}
+NODES = ("mass_estimator", "feedforward")
 
 DESCRIPTION = """\
-Run the payload estimator and the feed-forward once more over a recorded bag, sample by sample, with the parameters
+Run the payload estimator and the feed-forward again over a recorded bag, sample by sample, with the parameters
 of the recording or with others, and compare what comes out with what was recorded. No ROS graph is needed or touched.
 
 The configuration is the one inside the bag. The inputs (/cable_tensions, /platform_pose, /reference) come at the
@@ -62,11 +57,11 @@ done with the other torques is not simulated: the recorded motion stays.
 Writes DIR/bag (/payload and /setpoint, MCAP) and DIR/comparison.json. The same bag gives the same bytes."""
 EPILOG = """\
 examples:
-  rerun runs/latest/bag                                            how closely the recording is reproduced
-  rerun runs/latest/bag --set mass_estimator.time_constant=0.2     a quicker filter
-  rerun runs/latest/bag --set feedforward.model=static --set feedforward.payload_source=nominal
-  rerun runs/latest/bag --nodes feedforward                        with the estimates as they were recorded
-  rerun runs/latest/bag --payload /simulation/payload              with the true mass, as in: demo --exact-mass
+  cspr rerun runs/latest/bag                                          how closely the recording is reproduced
+  cspr rerun runs/latest/bag --set mass_estimator.time_constant=0.2   a quicker filter
+  cspr rerun runs/latest/bag --set feedforward.model=static --set feedforward.payload_source=nominal
+  cspr rerun runs/latest/bag --nodes feedforward                      with the estimates as they were recorded
+  cspr rerun runs/latest/bag --payload /simulation/payload            with the true mass, as in: cspr demo --exact-mass
 
 exit status: 0 done, 1 nothing could be re-run or written, 2 wrong arguments, 130 interrupted"""
 
@@ -123,9 +118,8 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
         **{name: json.dumps(values["rerun"]) for name, values in sorted(parameters.items())},
     }
     write_rerun(output / "bag", payloads, setpoints, information, recording.configuration.files)
-    (output / "comparison.json").write_text(
-        json.dumps(comparison.as_mapping(), indent=2) + "\n", encoding="utf-8"
-    )
+    for file in filter(None, (output / "comparison.json", options.json)):
+        write_json(file, comparison)
     print(f"re-run of {source}")
     print(format_comparison(comparison))
     print(f"  written to   {output}")
@@ -154,7 +148,7 @@ def _warnings_in_one_line() -> Iterator[None]:
 def _estimate(
     recording: Recording, given: dict[str, Any]
 ) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
-    settings, values = schedule(recording, "mass_estimator", MASS_ESTIMATOR, estimator_settings, given)
+    settings, values = schedule(recording, "mass_estimator", estimator_settings, given)
     tensions, poses = recording.tensions(), recording.poses()
     recorded, initial, first = None, None, 0
     published: Sequence[int] = []
@@ -179,9 +173,9 @@ def _estimate(
 
 def _answer(
     recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
-) -> tuple[Setpoints, SetpointComparison, dict[str, Any]]:
+) -> tuple[JointStates, SetpointComparison, dict[str, Any]]:
     build = partial(feedforward_settings, recording.robot.number_of_cables)
-    settings, values = schedule(recording, "feedforward", FEEDFORWARD, build, given)
+    settings, values = schedule(recording, "feedforward", build, given)
     references = recording.references()
     payloads: Any = rerun
     if topic is not None:
@@ -196,25 +190,19 @@ def _answer(
     return setpoints, compare_setpoints(setpoints, recorded), values
 
 
-def _known_before(recording: Recording, payloads: Inertias | EstimatedPayloads) -> Payload | None:
+def _known_before(recording: Recording, payloads: Inertias) -> Payload | None:
     """Return the first payload if it must have been told before the recording began.
 
     An estimator that begins leaves zero at a limited rate; a first estimate beyond that is not its first one.
     """
-    parameters = recording.configuration.parameters.of("mass_estimator")
-    rate_limit = parameter_values(MASS_ESTIMATOR, parameters)["mass_rate_limit"]
+    rate_limit = recording.configuration.parameters.values("mass_estimator")["mass_rate_limit"]
     if payloads.mass[0] <= 2.0 * rate_limit * UPDATE_PERIOD:
         return None
     return Payload(float(payloads.mass[0]), payloads.center_of_mass[0])
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="rerun",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = program_parser("rerun", DESCRIPTION, EPILOG, json="what comparison.json holds")
     add = parser.add_argument
     add("bag", metavar="BAG", help="directory of a bag, or an .mcap file")
     add(
@@ -255,8 +243,9 @@ def _changes(arguments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[s
         except yaml.YAMLError:
             value = text
         try:
-            changes[node][parameter] = known_parameter(node, NODES[node], parameter).checked(value)
-        except SettingError as error:
+            row = known_parameter(node, parameter)
+            changes[node][parameter] = row.checked(value) if row else value
+        except ParameterError as error:
             raise SettingError(f"--set {argument}: {error}") from error
     return changes
 

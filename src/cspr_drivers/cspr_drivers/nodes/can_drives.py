@@ -13,22 +13,22 @@ from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.nodes.driver_messages import bus_status, drive_diagnostics, drive_states, not_configured
 from cspr_drivers.nodes.driver_node import DriverNode
 from cspr_msgs_py.errors import MessageError, StartError
+from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
-    declare,
     run_nodes,
     steady_timer,
     subscribe_raw,
 )
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
+from cspr_msgs_py.vocabulary import DriverState
 from cspr_msgs_py.wire.conversions import diagnostic_array
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
@@ -50,21 +50,13 @@ class CanDrives(DriverNode):
         **options: Any,
     ) -> None:
         super().__init__("can_drives", config, ports, clock, **options)
-        self._rate = declare(
-            self,
-            "control_rate",
-            self.config.rate,
-            "rate of the control cycle that the controllers expect",
-            minimum=1.0,
-            unit="Hz",
-            read_only=True,
-        )
+        self._rate = declare_all(self, control_rate=self.config.rate)["control_rate"]
         names = motor_names(len(self.config.drives))
         self._codec = JointStateCodec(names)
         self._states = advertise(self, MOTOR_STATES)
         self._drive_states = advertise(self, DRIVE_STATES)
         self._master: DriveMaster | None = None
-        self._published_states: tuple[GroupState, str, tuple[DriveStatus, ...]] | None = None
+        self._published_states: tuple[DriverState, str, tuple[DriveStatus, ...]] | None = None
         self._since_published = 0.0
         for index, name in enumerate(names):
             codec = JointStateCodec((name,), position=False, velocity=False)

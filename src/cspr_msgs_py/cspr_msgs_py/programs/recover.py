@@ -1,0 +1,70 @@
+"""Make a whole bag of a damaged one, and say what was lost."""
+
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from cspr_msgs_py.bag.recovery import Recovery, recover
+from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.runtime.terminal import progress_line
+
+DESCRIPTION = """Write what can be read of a damaged bag into a new, whole one, and say what was lost.
+
+For the bag of a recorder that was killed, of a power failure, or of a bad disk. The damaged bag is not touched.
+Attachments, metadata and quality of service are copied too."""
+
+EPILOG = """examples:
+  cspr recover runs/latest/bag                     writes runs/latest/bag_recovered
+  cspr recover bag/bag_3.mcap --output whole       one file of a bag only"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Recover a bag; return 0, or 1 if nothing could be read."""
+    parser = program_parser("recover", DESCRIPTION, EPILOG)
+    parser.add_argument("bag", metavar="BAG", type=Path, help="directory of a bag, or one of its files")
+    parser.add_argument(
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help="the whole bag, which must not exist yet; default: BAG_recovered",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress on the terminal")
+    options = parser.parse_args(arguments)
+    source: Path = options.bag
+    output = options.output or source.resolve().with_name(
+        f"{source.resolve().name.partition('.')[0]}_recovered"
+    )
+    try:
+        result = recover(
+            source, output, lambda share: None if options.quiet else progress_line(share, "recovering")
+        )
+    except BagError as error:
+        print(f"recover: {error}", file=sys.stderr)
+        return 1
+    finally:
+        if not options.quiet:
+            progress_line(None)
+    print(_report(result))
+    return 0
+
+
+def _report(result: Recovery) -> str:
+    total = sum(result.counts.values())
+    lines = [f"{result.directory}: {total} messages of {len(result.counts)} topics"]
+    if total:
+        first, last = (
+            datetime.fromtimestamp(stamp * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
+            for stamp in (result.start_ns, result.end_ns)
+        )
+        lines[0] += f" in {(result.end_ns - result.start_ns) * 1e-9:.2f} s, from {first} to {last} UTC"
+    if not result.losses:
+        return "\n".join([*lines, "nothing was lost: the bag was whole"])
+    lines += [f"lost: {text}" for text in result.losses]
+    lines += [f"lost: {number} messages of {topic}" for topic, number in sorted(result.missing.items())]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
