@@ -10,9 +10,9 @@ from multiprocessing import Pool
 import numpy as np
 from studies.closed_loop import LoopSettings, run, settling_time
 
-from cspr_control.motors.feedforward import FeedforwardModel, PayloadSource
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 
 NOMINAL = PayloadSource.NOMINAL
 CASES = {

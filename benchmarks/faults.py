@@ -14,9 +14,9 @@ import numpy as np
 
 from benchmarks.stepped_graph import LIMITS, SteppedGraph
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
-from cspr_control.supervision.supervisor import RobotState
 from cspr_drivers.simulation.fault_injection import FaultOrder, InjectedFault
 from cspr_kinematics import Pose
+from cspr_msgs_py.vocabulary import RobotState
 
 PAYLOAD = 200.0  # kg on a platform of 153 kg
 LARGEST_DROP = 0.020  # m

@@ -21,12 +21,13 @@ from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
-from cspr_control.supervision.supervisor import Action, Decision, DriverState, RobotState, Supervisor
+from cspr_control.supervision.supervisor import Action, Decision, Supervisor
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.load_cells.master import in_words
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload, Robot
+from cspr_msgs_py.vocabulary import DriverState, RobotState
 
 CONFIG = Path(__file__).parents[1] / "config"
 GAINS = MotorGains(kp=2.0, kd=0.1)  # as in config/control.yaml

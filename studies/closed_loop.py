@@ -13,7 +13,7 @@ from cspr_control.analysis.numbers import run_summary
 from cspr_control.analysis.numbers.run_summary import MassTrace
 from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
 from cspr_control.estimation.pose import PoseEstimator
-from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, PayloadSource, Setpoint
+from cspr_control.motors.feedforward import Feedforward, Setpoint
 from cspr_control.motors.motor_control import MotorController, MotorGains
 from cspr_control.parameters.file import ParameterFile
 from cspr_control.parameters.tables import (
@@ -24,12 +24,13 @@ from cspr_control.parameters.tables import (
     parameter_values,
 )
 from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
-from cspr_control.reference.player import TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.player import TrajectoryPlayer
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_drivers.simulation.plant.plant import Plant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload, Pulleys, Robot
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryPhase
 
 CONFIG = Path(__file__).parents[1] / "config"
 FloatArray = NDArray[np.float64]

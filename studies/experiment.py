@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cspr_control.motors.feedforward import FeedforwardModel, PayloadSource
 from cspr_control.reference.catalogue import TrajectoryName
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 from studies.closed_loop import LoopRecord, LoopSettings, run, settling_time
 
 LOADS = (0.0, 100.0, 200.0)  # kg

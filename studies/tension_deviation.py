@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings, PayloadSource
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
 from cspr_control.reference.paper import paper_18, paper_19_tilt
 from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Payload, Robot
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 
 FloatArray = NDArray[np.float64]
 

@@ -15,9 +15,12 @@ from rclpy.node import Node
 
 from cspr_control.demo.scenario import AddedPayload, DemoError, Scenario, ros_parameter
 from cspr_control.nodes.supervisor import _LIMITS
+from cspr_msgs_py.vocabulary import Controller
 
 CONFIG = Path(__file__).parents[2] / "config"
-SCENARIO = Scenario("static", False, "smooth-18", 30.0, AddedPayload(10.0, 2.0), realtime=True, speed=1.0)
+SCENARIO = Scenario(
+    Controller.STATIC, False, "smooth-18", 30.0, AddedPayload(10.0, 2.0), realtime=True, speed=1.0
+)
 
 
 def copied(scenario: Scenario, directory: Path) -> dict[str, Any]:

@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 
 from cspr_control.errors import PayloadError, SettingError
-from cspr_control.motors.feedforward import (
-    Feedforward,
-    FeedforwardModel,
-    FeedforwardSettings,
-    Margins,
-    PayloadSource,
-    PayloadStatus,
-    checked_payload,
-)
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, checked_payload
 from cspr_control.reference.paper import paper_19, paper_19_tilt
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import (
@@ -28,6 +20,7 @@ from cspr_kinematics import (
     required_wrench,
     static_wrench,
 )
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStatus
 
 PERIOD = 0.004
 NOMINAL = {"payload_source": PayloadSource.NOMINAL}

@@ -15,7 +15,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cspr_control.errors import ControlError
-from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, PayloadSource
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
 from cspr_control.nodes.feedforward import FeedforwardNode
 from cspr_control.nodes.mass_estimator import MassEstimatorNode
 from cspr_control.nodes.motor_control_gains import MotorControlGains
@@ -25,13 +25,12 @@ from cspr_control.nodes.supervisor import SupervisorNode
 from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_control.reference.paper import paper_19
 from cspr_control.reference.reference_point import ReferencePoint
-from cspr_control.supervision.supervisor import RobotState
 from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.vocabulary import Level, PayloadSource, RobotState
 from cspr_msgs_py.wire.conversions import (
-    Level,
     diagnostic_array,
     diagnostic_status,
     from_diagnostic_array,

@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from rosbags.typesys import get_types_from_msg
 
 from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
-from cspr_control.motors.feedforward import Feedforward, FeedforwardModel, FeedforwardSettings
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
 from cspr_control.programs import rerun
 from cspr_control.reference.paper import paper_19
 from cspr_control.rerun.bag import DEFINITIONS
@@ -23,6 +23,7 @@ from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.vocabulary import FeedforwardModel
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec

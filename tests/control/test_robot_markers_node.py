@@ -15,7 +15,8 @@ from cspr_control.nodes.robot_markers import RobotMarkers
 from cspr_kinematics import Pose
 from cspr_msgs_py import topics
 from cspr_msgs_py.runtime.process import advertise, subscribe
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, inertia_stamped, pose_stamped
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status, inertia_stamped, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 PATIENCE = 20.0

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cspr_control.errors import SettingError
-from cspr_control.reference.player import TrajectoryPhase
 from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
-from cspr_control.supervision.supervisor import Action, DriverState, RobotState, Supervisor
+from cspr_control.supervision.supervisor import Action, Supervisor
 from cspr_control.supervision.watch import LastingViolation
+from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
 
 COUNT = 8
 PAY_OUT = 0.002  # m/rad

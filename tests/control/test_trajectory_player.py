@@ -5,9 +5,10 @@ import pytest
 
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import paper_19, paper_19_tilt
-from cspr_control.reference.player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.trajectory import Hold
+from cspr_msgs_py.vocabulary import TrajectoryPhase
 
 CYCLE = 4_000_000  # ns
 BEGIN = 1_700_000_000 * SECOND + 123

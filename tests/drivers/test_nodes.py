@@ -31,7 +31,8 @@ from cspr_msgs_py.topics import (
     motor_command,
     motor_names,
 )
-from cspr_msgs_py.wire.conversions import Level, from_diagnostic_array
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import from_diagnostic_array
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 PATIENCE = 30.0

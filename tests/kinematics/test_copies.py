@@ -16,13 +16,13 @@ import pytest
 from cspr_kinematics import (
     Acceleration,
     CableReachError,
+    ConfigurationFileError,
     ForwardKinematicsError,
     InvalidInputError,
     KinematicsError,
     Payload,
     Pose,
     Robot,
-    RobotFileError,
     SingularWrenchMatrixError,
     Task,
     Twist,
@@ -84,7 +84,7 @@ def test_copies_are_immutable_and_compile_nothing(robot_with_pulleys: Robot, way
     "error",
     [
         InvalidInputError("payload mass", -1.0, "must not be negative"),
-        RobotFileError("robot.yaml", "winch.drum_radius", 0, "must be positive"),
+        ConfigurationFileError("robot.yaml", "winch.drum_radius", 0, "must be positive"),
         CableReachError("no length", 3, np.zeros(3), np.eye(3), (1, 2)),
         SingularWrenchMatrixError("flat", np.zeros((6, 8)), np.zeros(6), (4,)),
         ForwardKinematicsError("no pose", np.ones(8), 7, np.array(False)),

@@ -17,12 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from cspr_kinematics import (
     CableReachError,
+    ConfigurationFileError,
     InvalidInputError,
     KinematicsError,
     Pose,
     Pulleys,
     Robot,
-    RobotFileError,
     Winch,
     cable_lengths,
     home_lengths,
@@ -295,7 +295,7 @@ def test_the_two_shipped_files_differ_by_their_pulleys(robot_file: Path, robot_w
 def test_wrong_pulleys_in_the_file(robot_file: Path, pulleys: Any, key: str, reason: str) -> None:
     mapping = yaml.safe_load(robot_file.read_text())
     mapping["pulleys"] = pulleys
-    with pytest.raises(RobotFileError, match=reason) as caught:
+    with pytest.raises(ConfigurationFileError, match=reason) as caught:
         Robot.from_mapping(mapping)
     assert caught.value.key == key
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cspr_kinematics import InvalidInputError, KinematicsError, Pose, Robot, RobotFileError
+from cspr_kinematics import ConfigurationFileError, InvalidInputError, KinematicsError, Pose, Robot
 
 MISSING = object()
 POINTS = np.arange(24.0).reshape(8, 3).tolist()
@@ -156,7 +156,7 @@ def test_home_outside_the_workspace_or_at_an_exit_point(
 def test_what_is_not_yaml(tmp_path: Path, text: str) -> None:
     path = tmp_path / "broken.yaml"
     path.write_text(text)
-    with pytest.raises(RobotFileError, match="not a YAML file") as caught:
+    with pytest.raises(ConfigurationFileError, match="not valid YAML") as caught:
         Robot.from_yaml(path)
     assert caught.value.source == str(path)
 
@@ -164,7 +164,7 @@ def test_what_is_not_yaml(tmp_path: Path, text: str) -> None:
 def test_a_key_that_stands_there_twice(robot_file: Path, tmp_path: Path) -> None:
     path = tmp_path / "twice.yaml"
     path.write_text(robot_file.read_text() + "tension_max: 9000.0\n")
-    with pytest.raises(RobotFileError, match=r"(?s)the key tension_max stands there twice.*line \d+"):
+    with pytest.raises(ConfigurationFileError, match=r"(?s)the key tension_max stands there twice.*line \d+"):
         Robot.from_yaml(path)
 
 
@@ -172,22 +172,24 @@ def test_a_key_that_stands_there_twice(robot_file: Path, tmp_path: Path) -> None
 def test_yaml_that_is_no_robot(tmp_path: Path, text: str) -> None:
     path = tmp_path / "other.yaml"
     path.write_text(text)
-    with pytest.raises(RobotFileError, match="must be a mapping with the keys name"):
+    with pytest.raises(
+        ConfigurationFileError, match=r"must be a mapping of keys to values; .*-p robot_config:=PATH"
+    ):
         Robot.from_yaml(path)
 
 
 def test_bytes_that_are_no_text(tmp_path: Path) -> None:
     path = tmp_path / "binary.yaml"
     path.write_bytes(b"\xff\xfe\x00\xd8")
-    with pytest.raises(RobotFileError, match="not a YAML file"):
+    with pytest.raises(ConfigurationFileError, match="not valid YAML"):
         Robot.from_yaml(path)
 
 
 def test_a_missing_file_says_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match="-p robot_config:=PATH") as caught:
+    with pytest.raises(ConfigurationFileError, match="-p robot_config:=PATH") as caught:
         Robot.from_yaml(tmp_path / "none.yaml")
     assert "none.yaml" in str(caught.value)
-    with pytest.raises(RobotFileError, match="cannot be read"):
+    with pytest.raises(ConfigurationFileError, match="cannot be read"):
         Robot.from_yaml(tmp_path)
 
 
@@ -220,7 +222,7 @@ def test_robot_cannot_be_changed(robot: Robot) -> None:
 
 
 def assert_refused(path: Path, key: str, reason: str, value: Any) -> None:
-    with pytest.raises(RobotFileError) as caught:
+    with pytest.raises(ConfigurationFileError) as caught:
         Robot.from_yaml(path)
     error = caught.value
     assert isinstance(error, KinematicsError)

@@ -1,7 +1,7 @@
 import numpy as np
 
+from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.conversions import (
-    Level,
     diagnostic_array,
     diagnostic_status,
     from_diagnostic_array,

@@ -25,7 +25,8 @@ from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.process import advertise
 from cspr_msgs_py.runtime.recorder_intake import Source
 from cspr_msgs_py.topics import EVENTS, MOTOR_STATES, RECORDER_STATE, ROBOT_STATE, motor_command, motor_names
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_diagnostic_status
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status, from_diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 CODEC = JointStateCodec(motor_names(6))

@@ -10,10 +10,10 @@ from cspr_kinematics.dynamics.energy import (
 )
 from cspr_kinematics.errors import (
     CableReachError,
+    ConfigurationFileError,
     ForwardKinematicsError,
     InvalidInputError,
     KinematicsError,
-    RobotFileError,
     SingularWrenchMatrixError,
 )
 from cspr_kinematics.kinematics.accuracy import pose_covariance
@@ -46,6 +46,7 @@ __all__ = [
     "Acceleration",
     "CableReachError",
     "Cables",
+    "ConfigurationFileError",
     "Feasibility",
     "FeedforwardTensions",
     "ForwardKinematicsError",
@@ -64,7 +65,6 @@ __all__ = [
     "Pulleys",
     "RigidBody",
     "Robot",
-    "RobotFileError",
     "SingularWrenchMatrixError",
     "Task",
     "TensionBlend",

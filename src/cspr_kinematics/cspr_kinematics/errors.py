@@ -42,15 +42,15 @@ class InvalidInputError(KinematicsError, ValueError):
         super().__init__(f"{name} = {_shown(value)}: {reason}")
 
 
-class RobotFileError(KinematicsError):
-    """A robot description that cannot be used.
+class ConfigurationFileError(KinematicsError):
+    """A configuration file that cannot be used.
 
     Attributes
     ----------
     source : str
-        The file, or what else the description came from.
+        The file, or what else the configuration came from.
     key : str or None
-        Dotted path of the offending key, None if the description as a whole is at fault.
+        Dotted path of the offending key, None if the file as a whole is at fault.
     value : object
         The value found there, None if there is none.
     reason : str

@@ -28,13 +28,8 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.wire.conversions import (
-    Level,
-    diagnostic_array,
-    diagnostic_status,
-    inertia_stamped,
-    pose_stamped,
-)
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status, inertia_stamped, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 

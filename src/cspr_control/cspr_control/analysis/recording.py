@@ -29,6 +29,7 @@ from cspr_msgs_py.topics import (
     SIMULATED_PAYLOAD,
     motor_command,
 )
+from cspr_msgs_py.vocabulary import Controller, controller_label
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -116,14 +117,11 @@ class Recording:
     def controller(self) -> str:
         """The controller by its name in the demo, or ``feed-forward not recorded``."""
         if "controller" in self.outcome:
-            exact = " (exact mass)" if self.outcome.get("exact_mass") else ""
-            return f"{self.outcome['controller']}{exact}"
+            return controller_label(self.outcome["controller"], bool(self.outcome.get("exact_mass")))
         entries = self.timeline.diagnostics.get("feedforward", ())
         values = entries[-1][1].values if entries else {}
-        model, source = values.get("model"), values.get("payload_source")
-        if model == "dynamic":
-            return "pdff-mass" if source == "estimated" else "pdff"
-        return {"none": "pd", "static": "static"}.get(str(model), "feed-forward not recorded")
+        found = Controller.of(values.get("model", ""), values.get("payload_source", ""))
+        return found or "feed-forward not recorded"
 
 
 class RobotClock:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import DIAGNOSTICS, DRIVE_STATES, EVENTS, ROBOT_STATE, TRAJECTORY_STATE
+from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, RobotState, TrajectoryPhase
 
 LOG = "/rosout"
 Clock = Callable[[NDArray[np.int64]], NDArray[np.int64]]
 _WARNING, _ERROR = 30, 40  # levels of rcl_interfaces/Log
-_IN_MOTION = ("approach", "running")
 
 
 class EventKind(Enum):
@@ -152,10 +152,10 @@ def _trajectories(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[
     runs: list[TrajectoryRun] = []
     for index, (_, status) in enumerate(statuses):
         start, end = (int(status.values.get(key, "0") or 0) for key in ("start_time", "end_time"))
-        if status.message not in _IN_MOTION or start == 0 or (runs and runs[-1].start_ns == start):
+        if status.message not in UNDER_WAY or start == 0 or (runs and runs[-1].start_ns == start):
             continue
-        left = next((entry for entry in statuses[index + 1 :] if entry[1].message not in _IN_MOTION), None)
-        if left is not None and left[1].message != "finished":  # broken off
+        left = next((entry for entry in statuses[index + 1 :] if entry[1].message not in UNDER_WAY), None)
+        if left is not None and left[1].message != TrajectoryPhase.FINISHED:  # broken off
             end = min(end, left[0])
         end = min(end, end_ns)
         if end > start:  # not one that was broken off on the way to its start
@@ -167,7 +167,7 @@ def _state_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
     for time_ns, status in statuses:
         cause = status.values.get("cause") or status.values.get("remark") or ""
         text = f"robot {status.message}" + (f": {cause}" if cause else "")
-        yield Event(time_ns, EventKind.FAULT if status.message == "fault" else EventKind.STATE, text)
+        yield Event(time_ns, EventKind.FAULT if status.message == RobotState.FAULT else EventKind.STATE, text)
 
 
 def _drive_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
@@ -175,7 +175,7 @@ def _drive_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
     present: dict[str, str] = {}
     for time_ns, status in statuses:
         error = status.values.get("error_code", "0x0000")
-        trouble = status.message if "fault" in status.message else ""
+        trouble = status.message if DriverState.FAULT in status.message else ""
         if error not in ("0x0000", ""):
             trouble = f"{status.message}, error {error}"
         if trouble and present.get(status.name) != trouble:
@@ -186,7 +186,7 @@ def _drive_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
 def _trajectory_events(statuses: Iterable[tuple[int, Status]]) -> Iterable[Event]:
     for time_ns, status in statuses:
         name = status.values.get("trajectory", "")
-        named = f" {name}" if name and status.message in (*_IN_MOTION, "finished") else ""
+        named = f" {name}" if name and status.message in (*UNDER_WAY, TrajectoryPhase.FINISHED) else ""
         yield Event(time_ns, EventKind.STATE, f"trajectory{named}: {status.message}")
 
 

@@ -15,14 +15,7 @@ import yaml
 from cspr_control.errors import ControlError
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py import topics
-
-CONTROLLERS: dict[str, tuple[str, str]] = {
-    "pd": ("none", "nominal"),
-    "static": ("static", "nominal"),
-    "pdff": ("dynamic", "nominal"),
-    "pdff-mass": ("dynamic", "estimated"),
-}
-"""Feed-forward model and payload source of each of the paper's controllers."""
+from cspr_msgs_py.vocabulary import Controller, PayloadSource, controller_label
 
 TRAJECTORIES = [
     name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
@@ -78,7 +71,7 @@ class Scenario:
     Attributes
     ----------
     controller, exact_mass
-        One of `CONTROLLERS`, and whether the feed-forward is told the true mass.
+        What is compared, and whether the feed-forward is told the true mass.
     trajectory
         One of `TRAJECTORIES`.
     payload, added
@@ -89,7 +82,7 @@ class Scenario:
         Seconds of the simulated machine in a second of the computer.
     """
 
-    controller: str
+    controller: Controller
     exact_mass: bool
     trajectory: str
     payload: float
@@ -100,7 +93,7 @@ class Scenario:
     @property
     def title(self) -> str:
         """The controller in words."""
-        return f"{self.controller} (exact mass)" if self.exact_mass else self.controller
+        return controller_label(self.controller, self.exact_mass)
 
     def copy_configuration(self, source: Path, target: Path) -> None:
         """Copy a configuration directory and change what this run has otherwise.
@@ -111,7 +104,6 @@ class Scenario:
             If a file lacks what has to be changed.
         """
         shutil.copytree(source, target, ignore=shutil.ignore_patterns("views"))
-        model, payload_source = CONTROLLERS[self.controller]
         with _edited(target / "simulation.yaml") as simulation:
             simulation["payload"]["mass"] = self.payload
             simulation["payload_changes"] = []
@@ -121,9 +113,10 @@ class Scenario:
         with _edited(target / "control.yaml") as control:
             control["trajectory_publisher"]["ros__parameters"]["trajectory"] = self.trajectory
             feedforward = control["feedforward"]["ros__parameters"]
-            feedforward["model"] = model
+            feedforward["model"] = str(self.controller.model)
             # the truth comes over the same path as the estimate would
-            feedforward["payload_source"] = "estimated" if self.exact_mass else payload_source
+            payload = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
+            feedforward["payload_source"] = str(payload)
             supervisor = control["supervisor"]["ros__parameters"]
             if not self.realtime:
                 _relax(supervisor["max_age"], _RELAXED_AGES)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,47 +22,13 @@ from cspr_kinematics import (
     available_wrenches,
     feedforward_tensions,
 )
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStatus
 
 LARGEST_OFFSET = 10.0
 """Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
 
 _AT_REST = Twist.zero()
 _UNACCELERATED = Acceleration.zero()
-
-
-class FeedforwardModel(Enum):
-    """How much of the platform's dynamics the torque anticipates.
-
-    - NONE: nothing, the PD controllers do all the work.
-    - STATIC: the weight.
-    - DYNAMIC: weight, inertia and centrifugal wrench (MODEL section 4).
-    """
-
-    NONE = "none"
-    STATIC = "static"
-    DYNAMIC = "dynamic"
-
-
-class PayloadSource(Enum):
-    """Which payload the model counts on."""
-
-    NOMINAL = "nominal"
-    ESTIMATED = "estimated"
-
-
-class PayloadStatus(Enum):
-    """Where the payload of a set-point comes from.
-
-    - NOMINAL: from the settings, as asked for.
-    - ESTIMATED: from the newest estimate.
-    - HELD: from the last estimate, which is older than the limit.
-    - AWAITED: from the settings, because no estimate has arrived yet.
-    """
-
-    NOMINAL = "nominal"
-    ESTIMATED = "estimated"
-    HELD = "held"
-    AWAITED = "awaited"
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from cspr_control.demo.scenario import DemoError
 from cspr_control.errors import ControlError
 from cspr_msgs_py import topics
 from cspr_msgs_py.qos import qos_profile
+from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, RobotState
 from cspr_msgs_py.wire.conversions import inertia_stamped
 
 
@@ -55,9 +56,9 @@ class DemoClient(Node):
         """What is not there yet."""
         waiting = {"recorder", "can_drives", "load_cells", "feedforward", "supervisor"} - self._seen
         parts = [f"no word yet from {', '.join(sorted(waiting))}"] if waiting else []
-        if self.drives != "disabled":
+        if self.drives != DriverState.DISABLED:
             parts.append(f"drives are {self.drives or 'silent'}")
-        if self.robot_state != "disabled":
+        if self.robot_state != RobotState.DISABLED:
             parts.append(f"the supervisor is {self.robot_state or 'silent'} ({self.robot_message})")
         return "; ".join(parts)
 
@@ -102,7 +103,7 @@ class DemoClient(Node):
     def _on_trajectory_state(self, status: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in status.values}
         self.phase, self.interruption = status.message, values.get("interruption", "")
-        if self.phase in ("approach", "running") and "start_time" in values:
+        if self.phase in UNDER_WAY and "start_time" in values:
             self.trajectory_times = (int(values["start_time"]), int(values["end_time"]))
 
     def _on_drive_states(self, states: DiagnosticArray) -> None:
@@ -196,7 +197,7 @@ class Operator:
         while not done():
             self._progress.show(step)
             self._children.check()
-            if self._client.robot_state == "fault":
+            if self._client.robot_state == RobotState.FAULT:
                 cause = self._client.explained(self._client.robot_message)
                 raise DemoError(f"{step}: the robot stopped with brakes closed: {cause}")
             if self._client.interruption:
@@ -228,9 +229,9 @@ class Operator:
 
         def enabled() -> bool:
             nonlocal refusal
-            if client.robot_state == "disabled":
+            if client.robot_state == RobotState.DISABLED:
                 refusal = self._ask("/supervisor/enable")
-            return client.robot_state == "enabled"
+            return client.robot_state == RobotState.ENABLED
 
         self.wait("enabling", enabled, limit, lambda: client.robot_message or refusal or client.robot_state)
 
@@ -251,21 +252,26 @@ class Operator:
         client = self._client
         values = dict(client.cycle_values)
         self.call("/supervisor/stop", 10.0)
-        self.wait("stopping", lambda: client.robot_state == "disabled", 10.0, lambda: client.robot_message)
         self.wait(
-            "closing brakes", lambda: client.drives == "disabled", 5.0, lambda: f"drives are {client.drives}"
+            "stopping", lambda: client.robot_state == RobotState.DISABLED, 10.0, lambda: client.robot_message
+        )
+        self.wait(
+            "closing brakes",
+            lambda: client.drives == DriverState.DISABLED,
+            5.0,
+            lambda: f"drives are {client.drives}",
         )
         return values
 
     def make_safe(self) -> None:
         """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""
         with contextlib.suppress(KeyboardInterrupt, ControlError, OSError):  # the terminal may be gone
-            if self._client.robot_state in ("enabling", "enabled", "stopping"):
+            if self._client.robot_state in (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING):
                 future = self._client.trigger("/supervisor/stop")
                 deadline = time.monotonic() + 4.0
                 while (
                     future is not None
-                    and self._client.robot_state != "disabled"
+                    and self._client.robot_state != RobotState.DISABLED
                     and time.monotonic() < deadline
                 ):
                     self._progress.show("stopping")

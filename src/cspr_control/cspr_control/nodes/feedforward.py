@@ -12,14 +12,7 @@ from geometry_msgs.msg import InertiaStamped
 from rclpy.node import Node
 
 from cspr_control.errors import PayloadError
-from cspr_control.motors.feedforward import (
-    Feedforward,
-    FeedforwardModel,
-    FeedforwardSettings,
-    Margins,
-    PayloadStatus,
-    Setpoint,
-)
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, Setpoint
 from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
 from cspr_control.parameters.tables import FEEDFORWARD, feedforward_settings
 from cspr_control.reference.reference_point import ReferencePoint
@@ -28,7 +21,8 @@ from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, subscribe, subscribe_raw
 from cspr_msgs_py.topics import PAYLOAD, REFERENCE, SETPOINT, motor_names
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_inertia_stamped
+from cspr_msgs_py.vocabulary import FeedforwardModel, Level, PayloadStatus
+from cspr_msgs_py.wire.conversions import diagnostic_status, from_inertia_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec
 from cspr_msgs_py.wire.reference_conversion import decode_reference

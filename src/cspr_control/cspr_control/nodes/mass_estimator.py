@@ -26,7 +26,8 @@ from cspr_msgs_py.runtime.process import (
     subscribe_raw,
 )
 from cspr_msgs_py.topics import CABLE_TENSIONS, PAYLOAD, PLATFORM_POSE, cable_names
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_pose_stamped, inertia_stamped
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status, from_pose_stamped, inertia_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 

@@ -18,7 +18,8 @@ from cspr_kinematics import Robot
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.process import LEAN_NODE, Diagnostics, advertise, declare, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, motor_command, motor_names
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 

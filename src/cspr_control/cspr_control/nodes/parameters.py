@@ -22,7 +22,7 @@ def declare_robot(node: Node) -> Robot:
 
     Raises
     ------
-    cspr_kinematics.RobotFileError
+    cspr_kinematics.ConfigurationFileError
         If the file is missing or does not describe a robot.
     """
     path = declare(node, "robot_config", "config/robot.yaml", "File that describes the robot", read_only=True)

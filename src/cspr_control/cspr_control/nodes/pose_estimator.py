@@ -15,7 +15,8 @@ from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, motor_names
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, pose_stamped
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 

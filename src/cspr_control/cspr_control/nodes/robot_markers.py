@@ -57,8 +57,8 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     cable_names,
 )
+from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.conversions import (
-    Level,
     diagnostic_status,
     from_diagnostic_status,
     from_inertia_stamped,

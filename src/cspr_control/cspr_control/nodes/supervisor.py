@@ -18,9 +18,8 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cspr_control.nodes.parameters import declare_robot
-from cspr_control.reference.player import TrajectoryPhase
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
-from cspr_control.supervision.supervisor import Action, Decision, DriverState, RobotState, Supervisor
+from cspr_control.supervision.supervisor import Action, Decision, Supervisor
 from cspr_kinematics import Robot
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.process import (
@@ -45,8 +44,8 @@ from cspr_msgs_py.topics import (
     cable_names,
     motor_names,
 )
+from cspr_msgs_py.vocabulary import DriverState, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.conversions import (
-    Level,
     diagnostic_status,
     from_diagnostic_array,
     from_diagnostic_status,

@@ -13,10 +13,9 @@ from std_srvs.srv import Trigger
 from cspr_control.errors import ControlError, TrajectoryError
 from cspr_control.nodes.parameters import ChangeableParameters, declare_control_period, declare_robot
 from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
-from cspr_control.reference.player import SECOND, TrajectoryPhase, TrajectoryPlayer
+from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.reference.reference_point import ReferencePoint
-from cspr_control.supervision.supervisor import RobotState
 from cspr_kinematics import KinematicsError, Pose
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
@@ -28,7 +27,8 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     motor_names,
 )
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_diagnostic_status, from_pose_stamped
+from cspr_msgs_py.vocabulary import Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.conversions import diagnostic_status, from_diagnostic_status, from_pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample

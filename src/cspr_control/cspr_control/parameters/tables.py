@@ -13,14 +13,9 @@ from typing import Any
 
 from cspr_control.errors import SettingError
 from cspr_control.estimation.payload import EstimatorSettings
-from cspr_control.motors.feedforward import (
-    LARGEST_OFFSET,
-    FeedforwardModel,
-    FeedforwardSettings,
-    PayloadSource,
-    checked_payload,
-)
+from cspr_control.motors.feedforward import LARGEST_OFFSET, FeedforwardSettings, checked_payload
 from cspr_kinematics import bounded_methods
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.demo.child_processes import ChildProcesses
 from cspr_control.demo.ros_domain import claim_domain
 from cspr_control.demo.scenario import (
-    CONTROLLERS,
     TRAJECTORIES,
     AddedPayload,
     Scenario,
@@ -32,8 +31,9 @@ from cspr_control.demo.scenario import (
 )
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
-COMPARED = [("pd", False), ("static", False), ("pdff", False), ("pdff-mass", False), ("pdff", True)]
+COMPARED = [*((controller, False) for controller in Controller), (Controller.PDFF, True)]
 PACKAGES = {
     "simulated_robot": "cspr_drivers.nodes.simulated_robot",
     "control": "cspr_control.nodes.control",
@@ -85,7 +85,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _run_chosen(options: argparse.Namespace, summaries: list[RunSummary]) -> None:
     """Run what the options ask for, one after the other; each run adds its summary, whatever becomes of the next."""
-    chosen = COMPARED if options.compare else [(options.controller, options.exact_mass)]
+    chosen = COMPARED if options.compare else [(Controller(options.controller), options.exact_mass)]
     analyses: list[RunAnalysis] = []
     for controller, exact_mass in chosen:
         scenario = Scenario(
@@ -140,7 +140,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     )
     controllers = parser.add_mutually_exclusive_group()
     controllers.add_argument(
-        "--controller", choices=CONTROLLERS, default="pdff-mass", help="default: %(default)s"
+        "--controller", choices=list(Controller), default=Controller.PDFF_MASS, help="default: %(default)s"
     )
     parser.add_argument(
         "--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times"
@@ -183,7 +183,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s"
     )
     options = parser.parse_args(arguments)
-    if options.exact_mass and CONTROLLERS[options.controller][0] == "none":
+    if options.exact_mass and Controller(options.controller).model is FeedforwardModel.NONE:
         parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
     if options.exact_mass and options.compare:
         parser.error("--exact-mass has no meaning for --compare, which runs pdff with the exact mass as well")
@@ -304,9 +304,17 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                 client.set_payload(
                     scenario.payload + scenario.added.mass, start + round(scenario.added.time * 1e9)
                 )
-            run.wait("moving to the start", lambda: client.phase == "running", 30.0, client.phase_text)
             run.wait(
-                "running", lambda: client.phase == "finished", (end - start) * 1e-9 + 10.0, client.phase_text
+                "moving to the start",
+                lambda: client.phase == TrajectoryPhase.RUNNING,
+                30.0,
+                client.phase_text,
+            )
+            run.wait(
+                "running",
+                lambda: client.phase == TrajectoryPhase.FINISHED,
+                (end - start) * 1e-9 + 10.0,
+                client.phase_text,
             )
             run.pause("settling", 1.5)
             driver = run.stop()

@@ -2,42 +2,16 @@
 
 from __future__ import annotations
 
-from enum import Enum
-
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.path_time import slowing_to_rest
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Pose
+from cspr_msgs_py.vocabulary import UNDER_WAY, TrajectoryPhase
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
-
-
-class TrajectoryPhase(Enum):
-    """What the player is doing.
-
-    - IDLE: no pose is known, there is no reference.
-    - HOLD: the reference stays at one pose.
-    - APPROACH: on the way from the held pose to the start of a trajectory, or waiting there for its start
-    time.
-    - RUNNING: along the trajectory.
-    - STOPPING: slowing down along the path.
-    - FINISHED: the reference stays at the end of the trajectory.
-    """
-
-    IDLE = "idle"
-    HOLD = "hold"
-    APPROACH = "approach"
-    RUNNING = "running"
-    STOPPING = "stopping"
-    FINISHED = "finished"
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the reference does not move."""
-        return self in (TrajectoryPhase.IDLE, TrajectoryPhase.HOLD, TrajectoryPhase.FINISHED)
 
 
 class TrajectoryPlayer:
@@ -132,7 +106,7 @@ class TrajectoryPlayer:
 
     def stop(self) -> None:
         """Slow down along the path to rest; without effect on a reference at rest."""
-        if self.phase not in (TrajectoryPhase.APPROACH, TrajectoryPhase.RUNNING):
+        if self.phase not in UNDER_WAY:
             return
         self._stop_since = self._time
         self._stop_from = self._elapsed(self._time)

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-from cspr_control.reference.player import TrajectoryPhase
 from cspr_control.supervision.checks import (
     Fault,
     FaultKind,
@@ -18,37 +17,10 @@ from cspr_control.supervision.checks import (
     SupervisionChecks,
     SupervisionLimits,
 )
+from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
 
 _INSISTENCE = 0.2
 """Time after which a quick stop that has not worked is asked for again, s."""
-
-
-class RobotState(Enum):
-    """State of the robot as a whole.
-
-    - DISABLED: brakes closed, the reference follows the measured pose.
-    - ENABLING: the drives were told to enable.
-    - ENABLED: the motors follow their set-points.
-    - STOPPING: the trajectory comes to rest, then the brakes close; when a fault asked for it, FAULT follows.
-    - FAULT: the drives were stopped; the cause is latched until the operator resets it.
-    """
-
-    DISABLED = "disabled"
-    ENABLING = "enabling"
-    ENABLED = "enabled"
-    STOPPING = "stopping"
-    FAULT = "fault"
-
-
-class DriverState(Enum):
-    """State of the drives taken together, as the driver reports it."""
-
-    NOT_READY = "not_ready"
-    DISABLED = "disabled"
-    ENABLING = "enabling"
-    ENABLED = "enabled"
-    STOPPING = "stopping"
-    FAULT = "fault"
 
 
 class Action(Enum):

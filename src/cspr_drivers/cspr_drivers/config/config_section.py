@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from cspr_drivers.errors import ConfigurationError
+from cspr_kinematics.configuration.yaml_file import read_yaml
+from cspr_kinematics.errors import ConfigurationFileError
 
 
 def configuration_error(source: str, key: str, value: object, problem: str) -> ConfigurationError:
@@ -18,23 +19,6 @@ def configuration_error(source: str, key: str, value: object, problem: str) -> C
     place = f"{source}: {key}" if key else source
     shown = "" if value is None else f" = {value!r}"
     return ConfigurationError(f"{place}{shown}: {problem}")
-
-
-class _UniqueKeys(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
-    """Refuses a key that a mapping has twice (YAML 1.2.2, section 3.2.1.3); PyYAML alone would take the last."""
-
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
-        node = super().compose_mapping_node(anchor)
-        seen = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                continue
-            if key.value in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key.value} stands there twice", problem_mark=key.start_mark
-                )
-            seen.add(key.value)
-        return node
 
 
 class ConfigSection:
@@ -70,17 +54,9 @@ class ConfigSection:
     def from_yaml(path: str | Path) -> ConfigSection:
         """Return the top-level mapping of a YAML file."""
         try:
-            content = yaml.load(Path(path).read_text(encoding="utf-8"), _UniqueKeys)
-        except OSError as error:
-            raise configuration_error(str(path), "", None, f"cannot be read: {error.strerror}") from None
-        except (
-            yaml.YAMLError,
-            ValueError,
-            RecursionError,
-        ) as error:  # no text, no number, no end of brackets
-            problem = " ".join(str(error).split())
-            raise configuration_error(str(path), "", None, f"is not valid YAML: {problem}") from None
-        return ConfigSection(str(path), "", content)
+            return ConfigSection(str(path), "", read_yaml(path))
+        except ConfigurationFileError as error:
+            raise ConfigurationError(str(error)) from None
 
     def __contains__(self, name: str) -> bool:
         return name in self._content

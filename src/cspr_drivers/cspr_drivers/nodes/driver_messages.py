@@ -11,7 +11,8 @@ from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.report import DriveReport
 from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport, in_words
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status
 
 _LEVELS = {GroupState.FAULT: Level.ERROR, GroupState.NOT_READY: Level.WARN}
 

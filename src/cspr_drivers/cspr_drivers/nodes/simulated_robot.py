@@ -28,7 +28,8 @@ from cspr_kinematics import KinematicsError, Payload
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer, subscribe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status, from_inertia_stamped, inertia_stamped
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversions import diagnostic_status, from_inertia_stamped, inertia_stamped
 
 _PAYLOAD_PERIOD = 0.02  # s
 _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn

@@ -18,13 +18,13 @@ from cspr_kinematics.arrays import (
     non_negative_number,
     positive_number,
 )
+from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.cable_paths import check_cables, checked_points, home_lengths, path_geometry
 from cspr_kinematics.robot.pulleys import Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
 from cspr_kinematics.robot.robot_description import read_robot, robot_section
-from cspr_kinematics.robot.robot_file import read_yaml
 from cspr_kinematics.robot.winch import Motor, Winch
 
 # A winch whose zero is off by more than this was not set up for this home pose, m.
@@ -151,11 +151,13 @@ class Robot(ReadOnlyArrays):
 
         Raises
         ------
-        RobotFileError
+        ConfigurationFileError
             If the file is missing or not YAML, and for each value that cannot be used, naming file, key
             and value.
         """
-        return cls.from_mapping(read_yaml(path), source=str(path))
+        return cls.from_mapping(
+            read_yaml(path, "give the robot's file with -p robot_config:=PATH"), source=str(path)
+        )
 
     @classmethod
     def from_mapping(cls, mapping: object, source: str = "robot description") -> Robot:
@@ -170,7 +172,7 @@ class Robot(ReadOnlyArrays):
 
         Raises
         ------
-        RobotFileError
+        ConfigurationFileError
             For each value that cannot be used, naming source, key and value.
         """
         top = robot_section(mapping, source)

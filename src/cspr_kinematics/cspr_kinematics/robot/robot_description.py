@@ -42,7 +42,7 @@ def robot_section(mapping: object, source: str) -> Section:
 
     Raises
     ------
-    RobotFileError
+    ConfigurationFileError
         If it has not, or is no mapping.
     """
     return Section(source, mapping, _ROBOT_KEYS, optional=_OPTIONAL_ROBOT_KEYS)
@@ -53,7 +53,7 @@ def read_robot(top: Section) -> dict[str, Any]:
 
     Raises
     ------
-    RobotFileError
+    ConfigurationFileError
         For each value that cannot be used, naming source, key and value.
     """
     exit_points = top.array("exit_points", None, 3)

@@ -4,54 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
-import yaml
 
 from cspr_kinematics.arrays import FloatArray
-from cspr_kinematics.errors import InvalidInputError, RobotFileError
-
-
-class _UniqueKeys(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
-    """Refuses a key that a mapping has twice (YAML 1.2.2, section 3.2.1.3); PyYAML alone would take the last."""
-
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
-        node = super().compose_mapping_node(anchor)
-        seen = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                continue
-            if key.value in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key.value} stands there twice", problem_mark=key.start_mark
-                )
-            seen.add(key.value)
-        return node
-
-
-def read_yaml(path: str | Path) -> object:
-    """Return the content of a YAML file.
-
-    Raises
-    ------
-    RobotFileError
-        If the file is missing, unreadable, or not YAML.
-    """
-    source = str(path)
-    try:
-        with open(path, encoding="utf-8") as stream:
-            content: object = yaml.load(stream, _UniqueKeys)
-    except OSError as error:
-        raise RobotFileError(
-            source,
-            None,
-            None,
-            f"cannot be read ({error.strerror}); give the robot's file with -p robot_config:=PATH",
-        ) from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # no text, no number, no end of brackets
-        raise RobotFileError(source, None, None, f"not a YAML file: {error}") from error
-    return content
+from cspr_kinematics.errors import ConfigurationFileError, InvalidInputError
 
 
 class Section:
@@ -72,7 +29,7 @@ class Section:
 
     Raises
     ------
-    RobotFileError
+    ConfigurationFileError
         From the constructor and every method, if what is found is not what is needed.
     """
 
@@ -87,7 +44,7 @@ class Section:
         self.source = source
         self.path = path
         if not isinstance(content, Mapping):
-            raise RobotFileError(
+            raise ConfigurationFileError(
                 source, path or None, content, f"must be a mapping with the keys {', '.join(keys)}"
             )
         self._content = content
@@ -99,9 +56,9 @@ class Section:
             if key not in content:
                 raise self.error(key, None, "missing key")
 
-    def error(self, key: str, value: object, reason: str) -> RobotFileError:
+    def error(self, key: str, value: object, reason: str) -> ConfigurationFileError:
         """Return the error that names `key` of this section."""
-        return RobotFileError(self.source, f"{self.path}.{key}" if self.path else key, value, reason)
+        return ConfigurationFileError(self.source, f"{self.path}.{key}" if self.path else key, value, reason)
 
     def __contains__(self, key: str) -> bool:
         return key in self._content

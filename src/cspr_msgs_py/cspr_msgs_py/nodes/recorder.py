@@ -28,8 +28,9 @@ from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_no
 from cspr_msgs_py.runtime.recorder_intake import Intake
 from cspr_msgs_py.runtime.scheduling import set_background
 from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
+from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import NANOSECONDS
-from cspr_msgs_py.wire.conversions import Level, diagnostic_status
+from cspr_msgs_py.wire.conversions import diagnostic_status
 
 GRAPH_PERIOD = 0.5  # s between two looks for new topics
 

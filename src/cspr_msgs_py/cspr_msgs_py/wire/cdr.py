@@ -150,6 +150,37 @@ def _places(check: str, constants: tuple[bytes, ...]) -> list[tuple[int, NDArray
     return [(start, np.frombuffer(constant, np.uint8)) for start, constant in places]
 
 
+class Writer:
+    """Writes a message of varying length, piece by piece."""
+
+    def __init__(self) -> None:
+        self._data = bytearray(ENCAPSULATION)
+
+    def _append(self, data: bytes, alignment: int) -> None:
+        self._data += bytes(-(len(self._data) - len(ENCAPSULATION)) % alignment) + data
+
+    def byte(self, number: int) -> None:
+        """Append an unsigned integer of 8 bits."""
+        self._append(bytes([number]), 1)
+
+    def count(self, number: int) -> None:
+        """Append the length of a sequence."""
+        self._append(struct.pack("<I", number), 4)
+
+    def string(self, text: str) -> None:
+        """Append a string: its length with the final zero, its bytes, the zero."""
+        data = text.encode() + b"\x00"
+        self._append(struct.pack("<I", len(data)) + data, 4)
+
+    def time(self, nanoseconds: int) -> None:
+        """Append a Time or Duration; raises ValueError where it does not fit."""
+        self._append(pack_time(nanoseconds), 4)
+
+    def finish(self) -> bytes:
+        """Return the message."""
+        return bytes(self._data)
+
+
 class Scanner:
     """Walks through a message of unknown layout, to find the constants for its template.
 
@@ -192,6 +223,10 @@ class Scanner:
         """Read a double."""
         value: float = struct.unpack("<d", self._take(8, alignment=8))[0]
         return value
+
+    def time(self) -> int:
+        """Read a Time or Duration, ns."""
+        return unpack_time(self._take(8, alignment=4), 0)
 
     def skip_time(self) -> None:
         """Pass over a Time or Duration."""

@@ -5,7 +5,6 @@ Stamps are integers in nanoseconds of ROS time.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -15,16 +14,8 @@ from geometry_msgs.msg import InertiaStamped, PoseStamped
 from numpy.typing import ArrayLike, NDArray
 
 from cspr_msgs_py.topics import BASE_FRAME, PLATFORM_FRAME
+from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import NANOSECONDS
-
-
-class Level(IntEnum):
-    """Severity of a diagnostic status, in the order of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
 
 
 def time_message(stamp_ns: int) -> Time:

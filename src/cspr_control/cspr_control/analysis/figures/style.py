@@ -15,27 +15,31 @@ from typing import Any, Final
 import matplotlib
 from matplotlib.figure import Figure
 
+from cspr_msgs_py.vocabulary import Controller, controller_label
+
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#111111", "#882255")
 """One for each motor and its cable, in their order; from the ninth on they come again, dashed."""
 
+PDFF_EXACT: Final = controller_label(Controller.PDFF, exact_mass=True)
+
 CONTROLLER_COLOURS: Final[Mapping[str, str]] = {
-    "pd": COLOURS[6],
-    "static": COLOURS[5],
-    "pdff": COLOURS[1],
-    "pdff-mass": COLOURS[0],
-    "pdff (exact mass)": COLOURS[2],
+    Controller.PD: COLOURS[6],
+    Controller.STATIC: COLOURS[5],
+    Controller.PDFF: COLOURS[1],
+    Controller.PDFF_MASS: COLOURS[0],
+    PDFF_EXACT: COLOURS[2],
 }
 """Of the controllers that are compared (docs/model.md, section 5), by their names in the demo."""
 
-DASHED_CONTROLLERS: Final = frozenset({"pdff", "pdff (exact mass)"})
+DASHED_CONTROLLERS: Final = frozenset({Controller.PDFF, PDFF_EXACT})
 """Those that may do just as another one does: that one, drawn before, is seen through their gaps."""
 
 CONTROLLER_TITLES: Final[Mapping[str, str]] = {
-    "pd": "PD",
-    "static": "PD + static",
-    "pdff": "PDFF",
-    "pdff-mass": "PDFF + mass",
-    "pdff (exact mass)": "PDFF, exact mass",
+    Controller.PD: "PD",
+    Controller.STATIC: "PD + static",
+    Controller.PDFF: "PDFF",
+    Controller.PDFF_MASS: "PDFF + mass",
+    PDFF_EXACT: "PDFF, exact mass",
 }
 """How the same are written in figures and tables."""
 

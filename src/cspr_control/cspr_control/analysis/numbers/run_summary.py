@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_msgs_py.vocabulary import controller_label
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -58,7 +60,7 @@ class RunSummary:
     @property
     def name(self) -> str:
         """The controller, with the mass that it was told."""
-        return f"{self.controller} (exact mass)" if self.exact_mass else self.controller
+        return controller_label(self.controller, self.exact_mass)
 
     def as_mapping(self) -> dict[str, Any]:
         """Return the summary as it is stored in summary.json."""

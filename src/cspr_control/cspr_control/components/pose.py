@@ -1,0 +1,78 @@
+"""The estimation of the platform's pose as a part of the graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from cspr_control.components.component import NOTHING, Component, Outputs, Publication
+from cspr_control.estimation.pose import PoseEstimator
+from cspr_kinematics import KinematicsError, Robot
+from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, Topic
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.cdr import NANOSECONDS
+from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.samples import PoseSample, Status
+
+
+@dataclass(frozen=True)
+class PoseSettings:
+    """Settings of the pose estimation: rate of the poses, Hz."""
+
+    rate: float = 50.0
+
+
+class PoseComponent(Component):
+    """Publishes the pose for every n-th motor state, so that poses come at the rate of the settings.
+
+    Parameters
+    ----------
+    robot
+        The robot as the controller believes it to be.
+    settings
+        See `PoseSettings`.
+    period
+        Of the control cycle, s.
+    """
+
+    inputs: ClassVar[tuple[Topic, ...]] = (MOTOR_STATES,)
+
+    def __init__(self, robot: Robot, settings: PoseSettings, period: float) -> None:
+        super().__init__("pose_estimator")
+        # Half a cycle less than the interval: jitter of the stamps must not push a pose to the next state.
+        self._interval = round((1.0 / settings.rate - 0.5 * period) * NANOSECONDS)
+        self._estimator = PoseEstimator(robot)
+        self._stamp = 0
+        self._published = 0
+        self._published_reported = 0
+        # The first computation is slower than the others; it must not fall into a control cycle.
+        self._estimator.estimate(robot.winch.motor_angle(robot.winch.home_lengths))
+
+    def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
+        """Return the pose at the time of the state, when one is due."""
+        if 0 <= sample.stamp_ns - self._stamp < self._interval:
+            return NOTHING
+        self._stamp = sample.stamp_ns
+        try:
+            pose = self._estimator.estimate(sample.position)
+        except KinematicsError as error:
+            self.problem = str(error)
+            return NOTHING
+        self.problem = ""
+        self._published += 1
+        return (Publication(PLATFORM_POSE, PoseSample(sample.stamp_ns, pose.position, pose.quaternion)),)
+
+    def status(self, now: float) -> Status:
+        """Return whether poses are found, and if not, why."""
+        level, text = Level.OK, "estimating"
+        if self.problem:
+            level, text = Level.ERROR, self.problem
+        elif self._published == self._published_reported:
+            level, text = Level.STALE, "no motor states"
+        self._published_reported = self._published
+        values = {
+            "poses": self._published,
+            "failures": self._estimator.failures,
+            "unreadable_messages": self.unusable,
+        }
+        return self._status(level, text, values)

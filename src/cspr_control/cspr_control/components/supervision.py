@@ -1,0 +1,228 @@
+"""The supervisor as a part of the graph."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, ClassVar
+
+from cspr_control.components.component import (
+    NOTHING,
+    Call,
+    Component,
+    Output,
+    Outputs,
+    Publication,
+    Remark,
+    Timer,
+)
+from cspr_control.components.trajectory import FOLLOWING
+from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_control.supervision.supervisor import Action, Decision, Supervisor
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    DRIVE_STATES,
+    LOAD_CELL_STATES,
+    MOTOR_STATES,
+    PLATFORM_POSE,
+    RECORDER_STATE,
+    ROBOT_STATE,
+    SETPOINT,
+    TRAJECTORY_STATE,
+    Topic,
+)
+from cspr_msgs_py.vocabulary import DriverState, Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.samples import PoseSample, Status, StatusArray
+
+PERIOD = 0.02
+"""Of the checks, s."""
+
+SERVICES = {
+    Action.ENABLE_DRIVES: "/can_drives/enable",
+    Action.DISABLE_DRIVES: "/can_drives/disable",
+    Action.QUICK_STOP: "/can_drives/quick_stop",
+    Action.RESET_DRIVES: "/can_drives/fault_reset",
+    Action.STOP_TRAJECTORY: "/trajectory_publisher/stop",
+}
+"""Which service does what the supervisor asks of others."""
+
+_ACTIONS = {service: action for action, service in SERVICES.items()}
+
+
+class SupervisionComponent(Component):
+    """Watches the graph, decides with the state machine, and publishes the robot's state.
+
+    Parameters
+    ----------
+    count
+        Number m of motors and cables.
+    limits
+        Limits beyond which the robot is stopped.
+    """
+
+    inputs: ClassVar[tuple[Topic, ...]] = (
+        MOTOR_STATES,
+        SETPOINT,
+        CABLE_TENSIONS,
+        PLATFORM_POSE,
+        DRIVE_STATES,
+        LOAD_CELL_STATES,
+        TRAJECTORY_STATE,
+        RECORDER_STATE,
+    )
+
+    def __init__(self, count: int, limits: SupervisionLimits) -> None:
+        super().__init__("supervisor")
+        self.supervisor = Supervisor(count, limits)
+        # The checks run less often than the bus; what arrives in between is replaced unread.
+        self._arrived: dict[Callable[[float, JointStateSample], None], tuple[float, JointStateSample]] = {}
+        self._recorder_problem = ""
+        self._published_state: tuple[str, ...] = ()
+
+    def begin(self) -> Outputs:
+        """Return the state in which the robot begins."""
+        return self._state_if_changed()
+
+    def timers(self) -> tuple[Timer, ...]:
+        """Return the checks and the report."""
+        return (Timer(PERIOD, self.update), *super().timers())
+
+    def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
+        """Return ``enable``, ``stop`` and ``reset``."""
+        commands = (self.supervisor.enable, self.supervisor.stop, self.supervisor.reset)
+        return {f"/{self.name}/{command.__name__}": partial(self._command, command) for command in commands}
+
+    def _command(self, command: Callable[[float], Decision], now: float) -> tuple[Decision, Outputs]:
+        self._observe_arrived()
+        decision = command(now)
+        remark = Remark(self.name, Level.OK, f"{command.__name__}: {decision.message}")
+        return decision, [remark, *self.update(now)]
+
+    def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
+        """Keep what was measured for the next check."""
+        self._arrived[self._observe_motors] = (now, sample)
+        return NOTHING
+
+    def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
+        """Keep what was demanded for the next check."""
+        self._arrived[self._observe_setpoint] = (now, sample)
+        return NOTHING
+
+    def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
+        """Keep the tensions for the next check."""
+        self._arrived[self._observe_tensions] = (now, sample)
+        return NOTHING
+
+    def _observe_motors(self, now: float, sample: JointStateSample) -> None:
+        self.supervisor.checks.observe_motors(
+            now, sample.stamp_ns, sample.position, sample.velocity, sample.effort
+        )
+
+    def _observe_setpoint(self, now: float, sample: JointStateSample) -> None:
+        self.supervisor.checks.observe_setpoint(now, sample.stamp_ns, sample.position, sample.velocity)
+
+    def _observe_tensions(self, now: float, sample: JointStateSample) -> None:
+        self.supervisor.checks.observe_tensions(now, sample.effort)
+
+    def _observe_arrived(self) -> None:
+        arrived, self._arrived = self._arrived, {}
+        for observe, (arrival, sample) in arrived.items():
+            observe(arrival, sample)
+
+    def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
+        """Take over where the platform is."""
+        self.supervisor.checks.observe_pose(now, sample.position)
+        return NOTHING
+
+    def on_drive_states(self, now: float, sample: StatusArray) -> Outputs:
+        """Take over the state of the drives, and judge at once."""
+        status = sample.find("can_drives")
+        if status is None:
+            self.refuse(DRIVE_STATES, f"{DRIVE_STATES.name} carries no status named can_drives")
+            return NOTHING
+        try:
+            drives = DriverState(status.message)
+        except ValueError:
+            self.refuse(DRIVE_STATES, f"{DRIVE_STATES.name} carries an unknown state, {status.message!r}")
+            return NOTHING
+        self.supervisor.observe_drives(now, drives, status.values.get("cause", ""))
+        return self.update(now)
+
+    def on_load_cell_states(self, now: float, sample: StatusArray) -> Outputs:
+        """Take over what the driver of the load cells finds, and judge at once."""
+        status = sample.find("load_cells")
+        if status is None:
+            self.refuse(LOAD_CELL_STATES, f"{LOAD_CELL_STATES.name} carries no status named load_cells")
+            return NOTHING
+        self.supervisor.observe_load_cells(status.values.get("cause", ""))
+        return self.update(now)
+
+    def on_trajectory_state(self, now: float, sample: Status) -> Outputs:
+        """Take over what the reference does."""
+        try:
+            self.supervisor.observe_trajectory(TrajectoryPhase(sample.message))
+        except ValueError:
+            self.refuse(
+                TRAJECTORY_STATE, f"{TRAJECTORY_STATE.name} carries an unknown phase, {sample.message!r}"
+            )
+        return NOTHING
+
+    def on_recorder_state(self, now: float, sample: Status) -> Outputs:
+        """Take over whether the recording goes on."""
+        problem = sample.values.get("cause", "") if sample.level >= Level.ERROR else ""
+        self._recorder_problem = problem
+        self.supervisor.observe_recording(problem)
+        if not problem:
+            return NOTHING
+        return [Remark(self.name, Level.ERROR, f"recorder: {problem}"), *self.update(now)]
+
+    def answered(self, now: float, call: Call, accepted: bool, message: str) -> Outputs:
+        """Take over the answer to an action, and judge at once."""
+        action = _ACTIONS[call.service]
+        self.supervisor.answered(now, action, accepted, message)
+        remark = () if accepted else (Remark(self.name, Level.WARN, f"{action.value}: {message}"),)
+        return [*remark, *self.update(now)]
+
+    def update(self, now: float) -> Outputs:
+        """Judge the situation; return what is asked of others, and the robot's state when it has changed."""
+        self._observe_arrived()
+        supervisor = self.supervisor
+        before = supervisor.state
+        outputs: list[Output] = [Call(self.name, SERVICES[action]) for action in supervisor.update(now)]
+        if supervisor.state is not before and supervisor.fault is not None:
+            outputs.append(Remark(self.name, Level.ERROR, f"stopped by {supervisor.fault}"))
+        return [*outputs, *self._state_if_changed()]
+
+    def make_safe(self) -> Outputs:
+        """Return what closes the brakes of a robot that is enabled: with the supervisor goes what watches it."""
+        if self.supervisor.state not in FOLLOWING:
+            return NOTHING
+        return (Call(self.name, SERVICES[Action.QUICK_STOP]),)
+
+    def _state_if_changed(self) -> Outputs:
+        supervisor = self.supervisor
+        cause = str(supervisor.fault) if supervisor.fault else ""
+        state = (supervisor.state.value, cause, supervisor.remark)
+        if state == self._published_state:
+            return NOTHING
+        self._published_state = state
+        level = Level.ERROR if supervisor.state is RobotState.FAULT else Level.OK
+        values = {"cause": cause, "remark": supervisor.remark}
+        return (Publication(ROBOT_STATE, self._status(level, supervisor.state.value, values)),)
+
+    def status(self, now: float) -> Status:
+        """Return the state, what is wrong, and how old the inputs are."""
+        supervisor = self.supervisor
+        level, text = Level.OK, supervisor.state.value
+        if supervisor.fault is not None:
+            level, text = Level.ERROR, f"fault: {supervisor.fault}"
+        elif self._recorder_problem:
+            level, text = Level.WARN, f"{text}; recorder: {self._recorder_problem}"
+        ages = {source: supervisor.checks.age(source, now) for source in MonitoredInput}
+        values: dict[str, Any] = {
+            f"age_{source.name.lower()}": f"{age:.3f}" for source, age in ages.items() if math.isfinite(age)
+        }
+        values |= {"unusable_messages": self.unusable, "last_problem": self.problem}
+        return self._status(level, text, values)

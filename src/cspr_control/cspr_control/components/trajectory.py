@@ -1,0 +1,204 @@
+"""The player of trajectories as a part of the graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from cspr_control.components.component import NOTHING, Component, Outputs, Publication, Remark
+from cspr_control.errors import ControlError, TrajectoryError
+from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.player import SECOND, TrajectoryPlayer
+from cspr_control.reference.reference_point import ReferencePoint
+from cspr_control.reference.trajectory import Trajectory
+from cspr_control.supervision.supervisor import Decision
+from cspr_kinematics import KinematicsError, Pose, Robot
+from cspr_msgs_py.topics import (
+    MOTOR_STATES,
+    PLATFORM_POSE,
+    REFERENCE,
+    ROBOT_STATE,
+    TRAJECTORY_STATE,
+    Topic,
+)
+from cspr_msgs_py.vocabulary import Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.reference import ReferenceSample
+from cspr_msgs_py.wire.samples import PoseSample, Status
+
+FOLLOWING = (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING)
+"""States in which the motors follow, or are about to follow, the reference."""
+
+
+@dataclass(frozen=True)
+class TrajectorySettings:
+    """Settings of the player.
+
+    Attributes
+    ----------
+    name, options
+        Trajectory that the next start plays, and what it needs besides its name.
+    dwell, stop_time, max_gap
+        See `TrajectoryPlayer`; s.
+    """
+
+    name: TrajectoryName
+    options: TrajectoryOptions
+    dwell: float = 1.0
+    stop_time: float = 0.5
+    max_gap: float = 0.1
+
+
+class TrajectoryComponent(Component):
+    """Plays the trajectory of the settings, from the command ``start`` on.
+
+    Each motor state is answered with the reference for one control period later. While the robot is not
+    enabled the reference stays at the newest measured pose, so that enabling begins without a jump.
+
+    Parameters
+    ----------
+    robot
+        Gives the centre of the paper's trajectories and the workspace.
+    settings
+        See `TrajectorySettings`; of those replaced with `configure`, name and options are used.
+    period
+        Of the control cycle, s.
+    """
+
+    inputs: ClassVar[tuple[Topic, ...]] = (MOTOR_STATES, PLATFORM_POSE, ROBOT_STATE)
+
+    def __init__(self, robot: Robot, settings: TrajectorySettings, period: float) -> None:
+        super().__init__("trajectory_publisher")
+        self.player = TrajectoryPlayer(
+            settings.options.limits, settings.dwell, settings.stop_time, settings.max_gap
+        )
+        self._robot = robot
+        self._settings = settings
+        self._period = round(period * SECOND)
+        self._robot_state: RobotState | None = None
+        self._references = 0
+        self._published_state: tuple[object, ...] = ()
+
+    def configure(self, settings: TrajectorySettings) -> None:
+        """Play another trajectory from the next start on, within other limits."""
+        self._settings = settings
+        self.player.limits = settings.options.limits
+
+    def begin(self) -> Outputs:
+        """Return the state in which the player begins."""
+        return self._state_if_changed()
+
+    def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
+        """Return ``start`` and ``stop``."""
+        return {f"/{self.name}/start": self.start, f"/{self.name}/stop": self.stop}
+
+    def start(self, now: float) -> tuple[Decision, Outputs]:
+        """Begin the trajectory of the settings; refused while the robot is not enabled."""
+        settings = self._settings
+        return self.play(
+            lambda present: make_trajectory(settings.name, self._robot, present, settings.options)
+        )
+
+    def play(self, make: Callable[[Pose], Trajectory]) -> tuple[Decision, Outputs]:
+        """Begin the trajectory that is made for the pose at which the reference rests; refused as `start` is."""
+        player = self.player
+        try:
+            if self._robot_state is not RobotState.ENABLED:
+                state = self._robot_state.value if self._robot_state else "unknown"
+                raise TrajectoryError(f"the robot is in state {state}; enable it first")
+            if player.held_pose is None:
+                raise TrajectoryError("no pose of the platform is known yet")
+            player.start(make(player.held_pose))
+        except (ControlError, KinematicsError) as error:
+            return Decision(False, f"refused: {error}"), NOTHING
+        decision = Decision(True, f"{player.trajectory_name} begins at {player.start_time} ns")
+        return decision, self._state_if_changed()
+
+    def stop(self, now: float) -> tuple[Decision, Outputs]:
+        """Come to rest along the path."""
+        self.player.stop()
+        state = self._state_if_changed()
+        return Decision(True, f"the trajectory is in phase {self.player.phase.value}"), state
+
+    def on_robot_state(self, now: float, sample: Status) -> Outputs:
+        """Stop when the motors no longer follow."""
+        try:
+            self._robot_state = RobotState(sample.message)
+        except ValueError:
+            self._robot_state = None
+            self.refuse(ROBOT_STATE, f"{ROBOT_STATE.name} carries an unknown state, {sample.message!r}")
+        if self._robot_state not in FOLLOWING:
+            self.player.stop()
+        return NOTHING
+
+    def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
+        """Stay at the measured pose while the motors do not follow."""
+        if self._robot_state not in FOLLOWING:
+            try:
+                self.player.hold(Pose.from_quaternion(sample.position, sample.quaternion_xyzw))
+            except KinematicsError as error:
+                self.refuse(PLATFORM_POSE, str(error))
+        return NOTHING
+
+    def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
+        """Return the reference for one period after the state; the state of the player when it has changed."""
+        stamp = sample.stamp_ns + self._period
+        outputs: list[Any] = []
+        reference = self.player.sample(stamp)
+        if reference is not None:
+            self._references += 1
+            outputs.append(Publication(REFERENCE, self._sample(stamp, reference)))
+        if state := self._state_if_changed():
+            outputs += state
+            if self.player.interruption:
+                given_up = f"{self.player.trajectory_name} was given up, the platform holds its pose"
+                outputs.append(Remark(self.name, Level.WARN, f"{given_up}: {self.player.interruption}"))
+        return outputs
+
+    def _sample(self, stamp: int, reference: ReferencePoint) -> ReferenceSample:
+        running = self.player.phase is TrajectoryPhase.RUNNING
+        return ReferenceSample(
+            stamp_ns=stamp,
+            time_from_start=(stamp - self.player.start_time) / SECOND if running else 0.0,
+            position=reference.pose.position,
+            quaternion_xyzw=reference.pose.quaternion,
+            linear_velocity=reference.twist.linear,
+            angular_velocity=reference.twist.angular,
+            linear_acceleration=reference.acceleration.linear,
+            angular_acceleration=reference.acceleration.angular,
+        )
+
+    def _state_if_changed(self) -> Outputs:
+        player = self.player
+        state = (
+            player.phase,
+            player.trajectory_name,
+            player.start_time,
+            player.end_time,
+            player.interruption,
+        )
+        if state == self._published_state:
+            return NOTHING
+        self._published_state = state
+        values = {
+            "trajectory": player.trajectory_name,
+            "start_time": player.start_time,
+            "end_time": player.end_time,
+            "interruption": player.interruption,
+        }
+        return (Publication(TRAJECTORY_STATE, self._status(Level.OK, player.phase.value, values)),)
+
+    def status(self, now: float) -> Status:
+        """Return the phase, and what the next start plays."""
+        idle = self.player.phase is TrajectoryPhase.IDLE
+        values = {
+            "selected": self._settings.name.value,
+            "trajectory": self.player.trajectory_name,
+            "references": self._references,
+            "unusable_messages": self.unusable,
+            "last_problem": self.problem,
+        }
+        level = Level.STALE if idle else Level.OK
+        text = "no platform pose has arrived" if idle else self.player.phase.value
+        return self._status(level, text, values)

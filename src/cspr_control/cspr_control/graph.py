@@ -1,0 +1,196 @@
+"""The control graph: all control, wired once, whoever drives it.
+
+`ControlGraph` holds the components (trajectory player, feed-forward, one controller for each motor, estimation of pose
+and payload, supervision) and the routes between them, which follow from the topics that each one hears. It reads no
+clock, starts no thread and knows nothing of ROS: the nodes drive it with what arrives on topics, the closed loop with
+simulated devices in simulated time, a re-run with a recording, the tests with a script.
+
+To wire and drive it::
+
+    graph = control_graph(robot, control_settings(robot, ParameterFile.from_yaml("config/control.yaml")))
+    outputs = graph.begin(now)                       # the latched states, before anything has arrived
+    outputs = graph.on(topic, now, sample)           # what came from outside; the inner topics are fed through
+    outputs = graph.advance(now)                     # what was due by now: updates, checks, diagnostics
+    decision, outputs = graph.call(now, "/supervisor/enable")
+
+``now`` is monotonic time in s and never goes back; stamps in samples are ROS time in ns. ``outputs`` come in the order
+in which they came about, those that other components have heard as well:
+
+- `Publication(topic, sample)`: for the drives, the recorder, whoever listens.
+- `Call(component, service)`: a service to be called, of the drivers or of the graph itself. When its answer is there,
+  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph never answers by itself, so
+  that whoever drives it decides how long a service takes.
+- `Remark(component, level, text)`: a line for the log.
+
+Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs` turns them into the bytes of messages.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cspr_control.components.component import Call, Component, Output, Publication
+from cspr_control.components.feedforward import FeedforwardComponent
+from cspr_control.components.motor import MotorComponent
+from cspr_control.components.payload import PayloadComponent
+from cspr_control.components.pose import PoseComponent
+from cspr_control.components.supervision import SupervisionComponent
+from cspr_control.components.trajectory import TrajectoryComponent
+from cspr_control.parameters.control_settings import ControlSettings
+from cspr_control.supervision.supervisor import Decision
+from cspr_kinematics import Robot
+from cspr_msgs_py.topics import Topic
+
+
+@dataclass
+class _Due:
+    """When a timer of a component is due next, monotonic s."""
+
+    time: float
+    period: float
+    run: Any
+
+
+class ControlGraph:
+    """Components and the routes between them.
+
+    Parameters
+    ----------
+    components
+        In the order in which they hear a topic: the most urgent answers first.
+    heard_instead
+        Topics that a component hears in place of one of its inputs, by the names of the component and of the input:
+        ``{("feedforward", "/payload"): SIMULATED_PAYLOAD}`` tells the feed-forward the true payload.
+
+    Attributes
+    ----------
+    components
+        By name.
+    inputs
+        Topics that some component hears, by name.
+    """
+
+    def __init__(
+        self,
+        components: Iterable[Component],
+        heard_instead: Mapping[tuple[str, str], Topic] | None = None,
+    ) -> None:
+        self.components = {component.name: component for component in components}
+        self.inputs: dict[str, Topic] = {}
+        self._routes: dict[str, list[Any]] = {}
+        self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
+        for component in self.components.values():
+            for own in component.inputs:
+                topic = (heard_instead or {}).get((component.name, own.name), own)
+                self.inputs[topic.name] = topic
+                self._routes.setdefault(topic.name, []).append(component.handler(own))
+                self._listeners.setdefault(topic.name, []).append((component, own))
+        self._services = {
+            name: command
+            for component in self.components.values()
+            for name, command in component.services().items()
+        }
+        self._due: list[_Due] | None = None
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """Names of the commands that `call` takes."""
+        return tuple(self._services)
+
+    def deliver(self, topic: Topic, now: float, sample: Any) -> list[Output]:
+        """Give a sample to those that hear the topic, and return what they answer, without feeding it through."""
+        outputs: list[Output] = []
+        for handle in self._routes.get(topic.name, ()):
+            outputs += handle(now, sample)
+        return outputs
+
+    def on(self, topic: Topic, now: float, sample: Any) -> list[Output]:
+        """Give a sample to those that hear the topic, what they publish to those that hear that, and so on.
+
+        Everybody hears what is older first: all answers to one sample before the answers to any of them.
+        """
+        return self._through(self.deliver(topic, now, sample), now)
+
+    def refuse(self, topic: Topic, problem: str) -> None:
+        """Let those that hear the topic count a message that could not be read."""
+        for component, own in self._listeners.get(topic.name, ()):
+            component.refuse(own, problem)
+
+    def begin(self, now: float) -> list[Output]:
+        """Return what is published before anything has arrived; timers count from here."""
+        self._due = [
+            _Due(now + timer.period, timer.period, timer.run)
+            for component in self.components.values()
+            for timer in component.timers()
+        ]
+        begun = (component.begin() for component in self.components.values())
+        return self._through([output for outputs in begun for output in outputs], now)
+
+    def advance(self, now: float) -> list[Output]:
+        """Let each timer that is due by now do its work, each at the time at which it was due, in that order."""
+        if self._due is None:
+            return self.begin(now)
+        outputs: list[Output] = []
+        while (due := min(self._due, key=lambda due: due.time)).time <= now:
+            outputs += self._through(due.run(due.time), due.time)
+            due.time += due.period
+        return outputs
+
+    @property
+    def next_due(self) -> float:
+        """Monotonic time at which `advance` has something to do, s."""
+        return min(due.time for due in self._due or ())
+
+    def call(self, now: float, service: str) -> tuple[Decision, list[Output]]:
+        """Give a command to the component whose service it is; raises KeyError for another's."""
+        decision, outputs = self._services[service](now)
+        return decision, self._through(outputs, now)
+
+    def answered(self, now: float, call: Call, accepted: bool, message: str) -> list[Output]:
+        """Give the answer to a call to the component that it came from."""
+        return self._through(self.components[call.component].answered(now, call, accepted, message), now)
+
+    def _through(self, outputs: Iterable[Output], now: float) -> list[Output]:
+        """Feed publications to those that hear them; return them with all that comes of it."""
+        through = list(outputs)
+        waiting = deque(through)
+        while waiting:
+            output = waiting.popleft()
+            if isinstance(output, Publication) and output.topic.name in self._routes:
+                more = self.deliver(output.topic, now, output.sample)
+                waiting += more
+                through += more
+        return through
+
+
+def control_graph(
+    robot: Robot,
+    settings: ControlSettings,
+    heard_instead: Mapping[tuple[str, str], Topic] | None = None,
+) -> ControlGraph:
+    """Wire all components for a robot.
+
+    Parameters
+    ----------
+    robot
+        The robot as the controller believes it to be.
+    settings
+        See `cspr_control.parameters.control_settings`.
+    heard_instead
+        See `ControlGraph`.
+    """
+    m = robot.number_of_cables
+    return ControlGraph(
+        (
+            *(MotorComponent(number, robot.motor, settings.motors) for number in range(1, m + 1)),
+            TrajectoryComponent(robot, settings.trajectory, settings.period),
+            FeedforwardComponent(robot, settings.feedforward),
+            PoseComponent(robot, settings.pose, settings.period),
+            PayloadComponent(robot, settings.payload),
+            SupervisionComponent(m, settings.supervision),
+        ),
+        heard_instead,
+    )

@@ -1,0 +1,108 @@
+"""The one way in which configuration files are read: YAML whose keys are unique and whose numbers are finite."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cspr_kinematics.errors import ConfigurationFileError
+
+
+class _UniqueKeys(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
+    """Refuses a repeated key (YAML 1.2.2, section 3.2.1.3), of which PyYAML alone would take the last value."""
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {key.value} stands there twice: keep one of the two",
+                    problem_mark=key.start_mark,
+                )
+            seen.add(key.value)
+        return node
+
+
+def read_yaml(path: str | Path, remedy: str = "") -> dict[Any, Any]:
+    """Return the mapping that a configuration file holds.
+
+    Parameters
+    ----------
+    path
+        The file.
+    remedy
+        What to do about a file that is missing or is not the right one, for the error.
+
+    Raises
+    ------
+    ConfigurationFileError
+        If the file cannot be read, is not YAML, is no mapping, repeats a key, or has a number that is not finite.
+    """
+    try:
+        text = Path(path).read_bytes()
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror}"
+        raise ConfigurationFileError(str(path), None, None, _with(problem, remedy)) from error
+    return parse_yaml(text, str(path), remedy)
+
+
+def parse_yaml(text: str | bytes, source: str, remedy: str = "") -> dict[Any, Any]:
+    """Return the mapping that the text of a configuration file holds; `source` names it in errors.
+
+    Raises
+    ------
+    ConfigurationFileError
+        As `read_yaml` does.
+    """
+    try:
+        content = yaml.load(text.decode("utf-8") if isinstance(text, bytes) else text, _UniqueKeys)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # no text, no number, no end of brackets
+        raise ConfigurationFileError(source, None, None, f"is not valid YAML: {_described(error)}") from error
+    if not isinstance(content, dict):
+        problem = "is empty; it must be" if content is None else "must be"
+        problem += " a mapping of keys to values"
+        raise ConfigurationFileError(source, None, content, _with(problem, remedy))
+    for key, value in _numbers(content, ""):
+        if not is_finite(value):
+            raise ConfigurationFileError(source, key, value, "must be a finite number")
+    return content
+
+
+def is_finite(value: float) -> bool:
+    """Return whether a number is finite as a double; there is no end to Python's whole numbers."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _numbers(content: object, key: str) -> Iterator[tuple[str, float]]:
+    """Yield all numbers with their paths, such as ``drives[0].scale``."""
+    if isinstance(content, dict):
+        for name, value in content.items():
+            yield from _numbers(value, f"{key}.{name}" if key else str(name))
+    elif isinstance(content, list):
+        for place, value in enumerate(content):
+            yield from _numbers(value, f"{key}[{place}]")
+    elif isinstance(content, int | float):
+        yield key, content
+
+
+def _described(error: Exception) -> str:
+    mark = getattr(error, "problem_mark", None)
+    if mark is None:
+        return " ".join(str(error).split())
+    context = getattr(error, "context", None)
+    problem = f"{context}, {error.problem}" if context else error.problem  # type: ignore[attr-defined]
+    return f"{problem} (line {mark.line + 1}, column {mark.column + 1})"
+
+
+def _with(problem: str, remedy: str) -> str:
+    return f"{problem}; {remedy}" if remedy else problem

@@ -1,0 +1,151 @@
+"""The words that nodes, programs and bags have in common: states, phases, levels, models and controllers.
+
+Each is the text of a message or the value of a parameter, and so is its own name on topics, in files and on the command
+line. Nothing of ROS is imported.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum, StrEnum
+
+
+class Level(IntEnum):
+    """Severity of a diagnostic status, in the order of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+class RobotState(StrEnum):
+    """State of the robot as a whole, as the supervisor publishes it.
+
+    - DISABLED: brakes closed, the reference follows the measured pose.
+    - ENABLING: the drives were told to enable.
+    - ENABLED: the motors follow their set-points.
+    - STOPPING: the trajectory comes to rest, then the brakes close; when a fault asked for it, FAULT follows.
+    - FAULT: the drives were stopped; the cause is latched until the operator resets it.
+    """
+
+    DISABLED = "disabled"
+    ENABLING = "enabling"
+    ENABLED = "enabled"
+    STOPPING = "stopping"
+    FAULT = "fault"
+
+
+class DriverState(StrEnum):
+    """State of the drives taken together, as their driver reports it.
+
+    - NOT_READY: a drive is missing or not at rest.
+    - DISABLED: all drives at rest, brakes closed.
+    - ENABLING: on the way to enabled; the brakes open last, and together.
+    - ENABLED: brakes open, torque at the shafts, of all drives or of those enabled singly.
+    - STOPPING: brakes are closing, under torque.
+    - FAULT: quick stop, latched until reset.
+    """
+
+    NOT_READY = "not_ready"
+    DISABLED = "disabled"
+    ENABLING = "enabling"
+    ENABLED = "enabled"
+    STOPPING = "stopping"
+    FAULT = "fault"
+
+
+class TrajectoryPhase(StrEnum):
+    """What the reference does.
+
+    - IDLE: no pose is known, there is no reference.
+    - HOLD: the reference stays at one pose.
+    - APPROACH: on the way from the held pose to the start of a trajectory, or waiting there for its start
+    time.
+    - RUNNING: along the trajectory.
+    - STOPPING: slowing down along the path.
+    - FINISHED: the reference stays at the end of the trajectory.
+    """
+
+    IDLE = "idle"
+    HOLD = "hold"
+    APPROACH = "approach"
+    RUNNING = "running"
+    STOPPING = "stopping"
+    FINISHED = "finished"
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the reference does not move."""
+        return self in (TrajectoryPhase.IDLE, TrajectoryPhase.HOLD, TrajectoryPhase.FINISHED)
+
+
+UNDER_WAY = frozenset({TrajectoryPhase.APPROACH, TrajectoryPhase.RUNNING})
+"""Phases in which a trajectory that was started has neither ended nor been stopped."""
+
+
+class FeedforwardModel(StrEnum):
+    """How much of the platform's dynamics the torque anticipates.
+
+    - NONE: nothing, the PD controllers do all the work.
+    - STATIC: the weight.
+    - DYNAMIC: weight, inertia and centrifugal wrench (MODEL section 4).
+    """
+
+    NONE = "none"
+    STATIC = "static"
+    DYNAMIC = "dynamic"
+
+
+class PayloadSource(StrEnum):
+    """Which payload the model counts on."""
+
+    NOMINAL = "nominal"
+    ESTIMATED = "estimated"
+
+
+class PayloadStatus(StrEnum):
+    """Where the payload of a set-point comes from.
+
+    - NOMINAL: from the settings, as asked for.
+    - ESTIMATED: from the newest estimate.
+    - HELD: from the last estimate, which is older than the limit.
+    - AWAITED: from the settings, because no estimate has arrived yet.
+    """
+
+    NOMINAL = "nominal"
+    ESTIMATED = "estimated"
+    HELD = "held"
+    AWAITED = "awaited"
+
+
+class Controller(StrEnum):
+    """The controllers that the paper compares: PD control of the motors with more and more feed-forward."""
+
+    PD = "pd"
+    STATIC = "static"
+    PDFF = "pdff"
+    PDFF_MASS = "pdff-mass"
+
+    @property
+    def model(self) -> FeedforwardModel:
+        """What its feed-forward anticipates."""
+        named = {Controller.PD: FeedforwardModel.NONE, Controller.STATIC: FeedforwardModel.STATIC}
+        return named.get(self, FeedforwardModel.DYNAMIC)
+
+    @property
+    def payload_source(self) -> PayloadSource:
+        """The payload that its feed-forward counts on."""
+        return PayloadSource.ESTIMATED if self is Controller.PDFF_MASS else PayloadSource.NOMINAL
+
+    @staticmethod
+    def of(model: str, payload_source: str) -> Controller | None:
+        """Return the controller that a feed-forward's settings make; None if there is none of that model."""
+        for controller in reversed(Controller):  # the weight alone is "static" whatever payload it counts on
+            if controller.model == model and controller.payload_source in (payload_source, "nominal"):
+                return controller
+        return None
+
+
+def controller_label(controller: str, exact_mass: bool) -> str:
+    """Return a controller's name, with a note when it is told the true mass."""
+    return f"{controller} (exact mass)" if exact_mass else controller

@@ -1,0 +1,128 @@
+"""The codec of each topic of the graph: bytes of a message to a plain record and back, without ROS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cspr_msgs_py import topics
+from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.topics import Topic
+from cspr_msgs_py.wire.cdr import Bytes, Scanner
+from cspr_msgs_py.wire.joint_state import JointSample, JointStateCodec, JointStateSample
+from cspr_msgs_py.wire.reference import ReferenceCodec
+from cspr_msgs_py.wire.samples import InertiaSample, PoseSample
+from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.wire.status import decode_status, decode_status_array, encode_status, encode_status_array
+
+
+@dataclass(frozen=True)
+class TopicCodec:
+    """How one topic's samples become messages and back.
+
+    Attributes
+    ----------
+    encode
+        Returns the message of a sample, as CDR.
+    decode
+        Returns the sample of a message. Raises MessageError if it is not of the topic's type; also if it has
+        another layout than the graph's own nodes give it, where the layout is constant.
+    layout
+        The codec of constant layout behind it, as `joint_state_conversion` needs it; None where there is none.
+    """
+
+    encode: Callable[[Any], bytes]
+    decode: Callable[[Bytes], Any]
+    layout: Any = None
+
+
+def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
+    """Return the codec of a topic of a robot with this number of motors.
+
+    Samples are `ReferenceSample`, `JointStateSample` (of one motor's command: `JointSample`), `PoseSample`,
+    `InertiaSample`, `Status` and `StatusArray`.
+
+    Raises
+    ------
+    MessageError
+        If messages of the topic's type have no codec here.
+    """
+    if topic.type == topics.JOINT_STATE:
+        return _joint_state(topic, number_of_motors)
+    if topic.type == topics.MULTI_DOF_TRAJECTORY:
+        codec = ReferenceCodec()
+        return TopicCodec(codec.encode, _of_constant_layout(topic, codec.decode), codec)
+    if topic.type == topics.DIAGNOSTIC_STATUS:
+        return TopicCodec(encode_status, decode_status)
+    if topic.type == topics.DIAGNOSTIC_ARRAY:
+        return TopicCodec(encode_status_array, decode_status_array)
+    if topic.type == topics.POSE_STAMPED:
+        pose = StampedDoublesCodec(topics.BASE_FRAME, 7)
+
+        def encode_pose(sample: PoseSample) -> bytes:
+            return pose.encode(sample.stamp_ns, np.concatenate((sample.position, sample.quaternion_xyzw)))
+
+        def decode_pose(buffer: Bytes) -> PoseSample:
+            stamp, values = _stamped_doubles(topic, buffer, 7)
+            return PoseSample(stamp, values[:3], values[3:])
+
+        return TopicCodec(encode_pose, decode_pose)
+    if topic.type == topics.INERTIA_STAMPED:
+        inertia = StampedDoublesCodec(topics.PLATFORM_FRAME, 10)
+
+        def encode_inertia(sample: InertiaSample) -> bytes:
+            return inertia.encode(sample.stamp_ns, [sample.mass, *sample.center_of_mass, 0, 0, 0, 0, 0, 0])
+
+        def decode_inertia(buffer: Bytes) -> InertiaSample:
+            stamp, values = _stamped_doubles(topic, buffer, 10)
+            return InertiaSample(stamp, float(values[0]), values[1:4])
+
+        return TopicCodec(encode_inertia, decode_inertia)
+    raise MessageError(f"{topic.name}: messages of type {topic.type} have no codec")
+
+
+def _joint_state(topic: Topic, number_of_motors: int) -> TopicCodec:
+    command = re.fullmatch(r"/(motor_\d+)/command", topic.name)
+    if command is not None:
+        one = JointStateCodec((command[1],), position=False, velocity=False)
+
+        def encode_command(sample: JointSample) -> bytes:
+            return one.encode(sample.stamp_ns, effort=(sample.effort,))
+
+        return TopicCodec(
+            encode_command, _of_constant_layout(topic, lambda buffer: one.decode_joint(buffer, 0)), one
+        )
+    if topic == topics.CABLE_TENSIONS:
+        codec = JointStateCodec(topics.cable_names(number_of_motors), position=False, velocity=False)
+    else:
+        codec = JointStateCodec(topics.motor_names(number_of_motors))
+
+    def encode(sample: JointStateSample) -> bytes:
+        fields = {name: getattr(sample, name) for name in codec.fields}
+        return codec.encode(sample.stamp_ns, **fields)
+
+    return TopicCodec(encode, _of_constant_layout(topic, codec.decode), codec)
+
+
+def _of_constant_layout(topic: Topic, decode: Callable[[Bytes], Any]) -> Callable[[Bytes], Any]:
+    def decode_or_raise(buffer: Bytes) -> Any:
+        sample = decode(buffer)
+        if sample is None:
+            raise MessageError(f"{topic.name}: {len(buffer)} bytes have another layout than the topic's")
+        return sample
+
+    return decode_or_raise
+
+
+def _stamped_doubles(topic: Topic, buffer: Bytes, number: int) -> tuple[int, np.ndarray[Any, Any]]:
+    try:
+        scanner = Scanner(buffer)
+        stamp = scanner.time()
+        scanner.string()
+        return stamp, np.array([scanner.double() for _ in range(number)])
+    except ValueError as error:
+        raise MessageError(f"{topic.name}: no {topic.type}: {error}") from error
