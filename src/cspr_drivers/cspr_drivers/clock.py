@@ -1,63 +1,109 @@
-"""The clock of the machine: one in a process, for everything that drivers and devices time.
+"""The clock of the machine, passed to everything that times drives, load cells, buses and the simulated plant.
 
 On a robot it is the computer's own. A simulated machine may run slower than real time: cycles, watchdogs, brakes
-and the plant then take longer by the same factor, and a computer that is too slow for the machine keeps up.
-
-Call the functions as ``clock.monotonic()``: `set_speed` replaces them.
+and the plant then take longer by the same factor, and a slow computer keeps up.
 """
 
 from __future__ import annotations
 
-import time as computer
+import threading
+import time
 from collections.abc import Callable
-
-monotonic: Callable[[], float] = computer.monotonic
-"""Monotonic time, s."""
-
-time: Callable[[], float] = computer.time
-"""Time of day, s since 1970; also the time of frames on a virtual bus."""
-
-time_ns: Callable[[], int] = computer.time_ns
-"""Time of day, ns since 1970: ROS time."""
-
-sleep: Callable[[float], None] = computer.sleep
-"""Wait for a time in s."""
-
-_speed = 1.0
-_start_of_day = 0.0  # s since 1970 on both clocks at which they began to differ
+from queue import Queue, SimpleQueue
+from typing import Any, Protocol
 
 
-def of_computer(stamp: float) -> float:
-    """Return the machine's time of day, s, at a time of day of the computer, such as the kernel gives to frames."""
-    return _start_of_day + (stamp - _start_of_day) * _speed
+class Thread(Protocol):
+    """What can be done with a thread that was started."""
+
+    def is_alive(self) -> bool:
+        """Return whether it has not come to its end."""
+        ...
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait until it has, up to a time, s."""
+        ...
 
 
-def on_computer(duration: float) -> float:
-    """Return how long a duration, s, takes on the computer's clock, as timeouts of Python's locks want it."""
-    return duration / _speed
+class Clock:
+    """The computer's own clock; subclasses are the clocks of machines whose time passes differently."""
+
+    def monotonic(self) -> float:
+        """Return monotonic time, s."""
+        return time.monotonic()
+
+    def system(self) -> float:
+        """Return the time of day, s since 1970; frames on a virtual bus are stamped with it."""
+        return time.time()
+
+    def system_ns(self) -> int:
+        """Return the time of day, ns since 1970: ROS time."""
+        return time.time_ns()
+
+    def sleep(self, duration: float) -> None:
+        """Wait for a time, s."""
+        time.sleep(duration)
+
+    def take(self, queue: Queue[Any] | SimpleQueue[Any], timeout: float | None = None) -> Any:
+        """Return what comes next in a queue, waiting for it up to a time, s; raises `queue.Empty` after it."""
+        return queue.get(timeout=None if timeout is None else self.on_computer(timeout))
+
+    def start(self, target: Callable[[], None], name: str) -> Thread:
+        """Run a function in a thread, in which it waits by this clock's `sleep` and `take` alone."""
+        thread = threading.Thread(target=target, name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def of_computer(self, stamp: float) -> float:
+        """Return this clock's time of day, s, at a time of day of the computer, such as the kernel gives to frames."""
+        return stamp
+
+    def on_computer(self, duration: float) -> float:
+        """Return how long a duration, s, takes on the computer's clock, as timeouts of Python's locks want it."""
+        return duration
 
 
-def set_speed(speed: float) -> None:
-    """Let the clock of this process run at a speed from now on.
+COMPUTER = Clock()
+
+
+class SlowClock(Clock):
+    """A clock that runs at a fraction of the computer's speed, from the computer's time at its construction.
 
     Parameters
     ----------
     speed
-        Seconds of the machine in a second of the computer; 1 is the computer's own time. To be set before anything
-        is timed: a change makes time of day jump.
+        Seconds of the machine in a second of the computer.
     """
-    global monotonic, time, time_ns, sleep, _speed, _start_of_day
-    _speed = speed
-    if speed == 1.0:
-        monotonic, time, time_ns, sleep = computer.monotonic, computer.time, computer.time_ns, computer.sleep
-        return
-    start, day = computer.monotonic(), computer.time_ns()
-    _start_of_day = 1e-9 * day
 
-    def elapsed() -> float:
-        return (computer.monotonic() - start) * speed
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._start = time.monotonic()
+        self._day_ns = time.time_ns()
 
-    monotonic = lambda: start + elapsed()  # noqa: E731
-    time_ns = lambda: day + round(1e9 * elapsed())  # noqa: E731
-    time = lambda: 1e-9 * day + elapsed()  # noqa: E731
-    sleep = lambda seconds: computer.sleep(seconds / speed)  # noqa: E731
+    def _elapsed(self) -> float:
+        return (time.monotonic() - self._start) * self._speed
+
+    def monotonic(self) -> float:
+        """Return monotonic time, s."""
+        return self._start + self._elapsed()
+
+    def system(self) -> float:
+        """Return the time of day, s since 1970."""
+        return 1e-9 * self._day_ns + self._elapsed()
+
+    def system_ns(self) -> int:
+        """Return the time of day, ns since 1970."""
+        return self._day_ns + round(1e9 * self._elapsed())
+
+    def sleep(self, duration: float) -> None:
+        """Wait for a time, s."""
+        time.sleep(duration / self._speed)
+
+    def of_computer(self, stamp: float) -> float:
+        """Return this clock's time of day, s, at a time of day of the computer."""
+        start = 1e-9 * self._day_ns
+        return start + (stamp - start) * self._speed
+
+    def on_computer(self, duration: float) -> float:
+        """Return how long a duration, s, takes on the computer's clock."""
+        return duration / self._speed

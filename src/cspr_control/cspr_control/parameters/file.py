@@ -69,6 +69,10 @@ class ParameterFile:
         """Return the parameters of a node by name; what is said of it alone beats what is said of all."""
         return self._nodes.get(_ALL_NODES, {}) | self._nodes.get(node, {})
 
+    def change(self, node: str, values: Mapping[str, Any]) -> None:
+        """Give parameters of a node, or of all nodes, other values."""
+        self._nodes.setdefault(node, {}).update(values)
+
 
 def _flat(section: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     values: dict[str, Any] = {}

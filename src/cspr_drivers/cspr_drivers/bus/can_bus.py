@@ -15,9 +15,9 @@ import can
 import canopen
 from can.interfaces.virtual import VirtualBus
 
-from cspr_drivers import clock
 from cspr_drivers.bus.socketcan_bus import GONE, QuickSocketCan, error_frame_text, is_bus_off
 from cspr_drivers.canopen.frame_table import NMT_COB_ID, SYNC_COB_ID, FunctionCode, cob_id
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError, FrameError
 
@@ -95,17 +95,20 @@ class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
     ----------
     channel
         Name of the channel; ends with the same name are connected, python-can's own among them.
+    clock
+        Clock of the machine, by which frames are stamped.
     """
 
-    def __init__(self, channel: str) -> None:
+    def __init__(self, channel: str, clock: Clock = COMPUTER) -> None:
         super().__init__(channel=channel)
+        self._clock = clock
         self.queue: SimpleQueue[can.Message] | _Delivery = self.queue
         self._replace_queue(SimpleQueue())
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put a frame on the bus; its receivers must not write into it."""
         copy = copied_frame(msg)
-        copy.timestamp = clock.time()
+        copy.timestamp = self._clock.system()
         self.pass_on(copy)
 
     def pass_on(self, frame: can.Message) -> None:
@@ -140,12 +143,14 @@ class CanPort:
     """One open bus: frames go out by `send`, and come in at the handler of their COB-ID.
 
     Handlers run in the bus's receiving thread and get the data of the frame and the moment at which it was on
-    the bus, in seconds of `clock.monotonic`. Frames without a handler of this class go to `network`.
+    the bus, in seconds of the monotonic clock. Frames without a handler of this class go to `network`.
 
     Attributes
     ----------
     name
         Name of the bus in the configuration.
+    clock
+        Clock of the machine.
     network
         The CANopen network on this bus, for NMT, SDO and EMCY.
     unknown_frames, malformed_frames, send_errors, send_retries, bus_errors
@@ -156,8 +161,11 @@ class CanPort:
         Why the interface takes no frames at all, in words, until one is sent again; empty otherwise.
     """
 
-    def __init__(self, name: str, bus: can.BusABC, known_cob_ids: Iterable[int] = ()) -> None:
+    def __init__(
+        self, name: str, bus: can.BusABC, known_cob_ids: Iterable[int] = (), clock: Clock = COMPUTER
+    ) -> None:
         self.name = name
+        self.clock = clock
         self.network = canopen.Network(bus)
         self.network.NOTIFIER_CYCLE = 0.1  # s; the receiving thread looks this often whether it shall end
         self.unknown_frames = 0
@@ -173,7 +181,7 @@ class CanPort:
         self._closed = threading.Event()
         self._failure_handlers: list[Callable[[str], None]] = []
         # Both clocks are read together at each SYNC, see `note_sync`.
-        self._wall_to_monotonic = clock.monotonic() - clock.time()
+        self._wall_to_monotonic = clock.monotonic() - clock.system()
         # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
         self.network.listeners[:] = [_Receiver(self)]
         self.network.connect()
@@ -227,9 +235,9 @@ class CanPort:
         return True
 
     def _send_again(self, message: can.Message, error: can.CanError, deadline: float) -> bool:
-        while getattr(error, "error_code", None) in _NO_ROOM and clock.monotonic() < deadline:
+        while getattr(error, "error_code", None) in _NO_ROOM and self.clock.monotonic() < deadline:
             self.send_retries += 1
-            clock.sleep(_RETRY_INTERVAL)
+            self.clock.sleep(_RETRY_INTERVAL)
             try:
                 with self.network.send_lock:
                     self._bus.send(message)
@@ -245,7 +253,7 @@ class CanPort:
 
     def note_sync(self, now: float) -> None:
         """Align wall-clock stamps of received frames with the monotonic clock at `now`."""
-        self._wall_to_monotonic = now - clock.time()
+        self._wall_to_monotonic = now - self.clock.system()
 
     def close(self) -> None:
         """Stop receiving and close the bus."""
@@ -297,7 +305,7 @@ class CanPort:
             self.network.notifier.exception = None
 
     def _on_bus(self, timestamp: float) -> float:
-        now = clock.monotonic()
+        now = self.clock.monotonic()
         then = timestamp + self._wall_to_monotonic
         # A device without its own stamps, or a wall clock that was set, must not invent ages.
         return then if now - 1.0 < then < now else now
@@ -320,6 +328,11 @@ class CanPorts:
     """The open buses of a process, by name.
 
     The handlers of `on_sync` hear of each SYNC, whether this process sends them or another one does.
+
+    Attributes
+    ----------
+    clock
+        Clock of the machine, which all buses share.
     """
 
     def __init__(self, ports: Iterable[CanPort]) -> None:
@@ -329,6 +342,7 @@ class CanPorts:
         self._sync = CyclicFrame(SYNC_COB_ID)
         self._producing = False
         first = next(iter(self._ports.values()))
+        self.clock = first.clock
         first.subscribe(SYNC_COB_ID, self._receive_sync)
 
     def __getitem__(self, name: str) -> CanPort:
@@ -358,7 +372,7 @@ class CanPorts:
         with ExitStack() as locks:
             for lock in self._sync_locks:
                 locks.enter_context(lock)
-            now, stamp = clock.monotonic(), clock.time_ns()
+            now, stamp = self.clock.monotonic(), self.clock.system_ns()
             for handler in self._sync_handlers:
                 handler(now, stamp)
             for port in self._ports.values():
@@ -368,7 +382,7 @@ class CanPorts:
     def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
         if self._producing:
             raise FrameError(f"another device sends SYNC as well ({len(data)} bytes)")
-        stamp = clock.time_ns() - int(1e9 * (clock.monotonic() - now))
+        stamp = self.clock.system_ns() - int(1e9 * (self.clock.monotonic() - now))
         for handler, lock in zip(self._sync_handlers, self._sync_locks, strict=True):
             with lock:
                 handler(now, stamp)
@@ -379,8 +393,8 @@ class CanPorts:
             port.close()
 
 
-def open_ports(config: CanConfig) -> CanPorts:
-    """Open all buses of a configuration.
+def open_ports(config: CanConfig, clock: Clock = COMPUTER) -> CanPorts:
+    """Open all buses of a configuration, timed by a clock.
 
     Raises
     ------
@@ -391,7 +405,7 @@ def open_ports(config: CanConfig) -> CanPorts:
     try:
         for bus in config.buses:
             known = _known_cob_ids(config, bus.name)
-            ports.append(CanPort(bus.name, open_bus(bus, known), known))
+            ports.append(CanPort(bus.name, open_bus(bus, known, clock), known, clock))
     except BusError:
         for port in ports:
             port.close()
@@ -399,7 +413,9 @@ def open_ports(config: CanConfig) -> CanPorts:
     return CanPorts(ports)
 
 
-def open_bus(config: BusConfig, cob_ids: Collection[int] | None = None) -> can.BusABC:
+def open_bus(
+    config: BusConfig, cob_ids: Collection[int] | None = None, clock: Clock = COMPUTER
+) -> can.BusABC:
     """Open one bus with python-can.
 
     Parameters
@@ -408,6 +424,8 @@ def open_bus(config: BusConfig, cob_ids: Collection[int] | None = None) -> can.B
         The bus.
     cob_ids
         COB-IDs of the frames that are wanted, where the interface has a filter; by default all.
+    clock
+        Clock of the machine, by which frames are stamped.
 
     Raises
     ------
@@ -416,10 +434,10 @@ def open_bus(config: BusConfig, cob_ids: Collection[int] | None = None) -> can.B
     """
     place = f"CAN bus {config.name} ({config.interface}, channel {config.channel})"
     if config.interface == "virtual":
-        return QuickVirtualBus(config.channel)
+        return QuickVirtualBus(config.channel, clock)
     try:
         if config.interface == "socketcan":
-            bus = QuickSocketCan(config.channel, cob_ids)
+            bus = QuickSocketCan(config.channel, cob_ids, clock)
         else:
             bus = can.Bus(channel=config.channel, interface=config.interface, bitrate=config.bitrate)
     except can.CanInterfaceNotImplementedError:

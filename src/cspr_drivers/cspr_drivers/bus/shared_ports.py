@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cspr_drivers.bus.can_bus import CanPorts, open_ports
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
 
 
@@ -15,11 +16,14 @@ class SharedPorts:
         Buses.
     ports
         Buses that are open already and stay open; by default they are opened by the first `acquire`.
+    clock
+        Clock of the machine, for buses that are opened here.
     """
 
-    def __init__(self, config: CanConfig, ports: CanPorts | None = None) -> None:
+    def __init__(self, config: CanConfig, ports: CanPorts | None = None, clock: Clock = COMPUTER) -> None:
         self._config = config
         self._ports = ports
+        self._clock = clock
         self._closes = ports is None
         self._users = 0
 
@@ -32,7 +36,7 @@ class SharedPorts:
             If one cannot be opened.
         """
         if self._ports is None:
-            self._ports = open_ports(self._config)
+            self._ports = open_ports(self._config, self._clock)
         self._users += 1
         return self._ports
 

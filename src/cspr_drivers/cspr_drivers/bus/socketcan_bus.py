@@ -17,7 +17,7 @@ from typing import Any
 import can
 from can.interfaces.socketcan import SocketcanBus
 
-from cspr_drivers import clock
+from cspr_drivers.clock import COMPUTER, Clock
 
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame of linux/can.h
 _TIMESTAMP = struct.Struct("@ll")  # struct timespec
@@ -71,6 +71,8 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
         Name of the network interface.
     cob_ids
         Standard identifiers of the frames to be received; `None` for all frames.
+    clock
+        Clock of the machine, to which the kernel's time stamps are converted.
 
     Attributes
     ----------
@@ -82,12 +84,13 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
 
     socket: Any  # of python-can's class
 
-    def __init__(self, channel: str, cob_ids: Collection[int] | None = None) -> None:
+    def __init__(self, channel: str, cob_ids: Collection[int] | None = None, clock: Clock = COMPUTER) -> None:
         filters = None
         if cob_ids is not None:
             mask = _STANDARD_ID | _EXTENDED | _REMOTE
             filters = [{"can_id": identifier, "can_mask": mask} for identifier in sorted(cob_ids)]
         super().__init__(channel=channel, can_filters=filters)
+        self._clock = clock
         self.dropped_frames = 0
         self._gone = (
             False  # the interface was removed; the receiving thread takes up the next one of its name
@@ -137,7 +140,7 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
         for _level, kind, value in ancillary:
             if kind == _SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIMESTAMP.unpack_from(value)
-                timestamp = clock.of_computer(seconds + 1e-9 * nanoseconds)
+                timestamp = self._clock.of_computer(seconds + 1e-9 * nanoseconds)
             elif kind == _SO_RXQ_OVFL:
                 (self.dropped_frames,) = _COUNT.unpack_from(value)
         extended = bool(identifier & _EXTENDED)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -111,8 +110,8 @@ def scan(port: CanPort, master_node_id: int, wait: float) -> list[FoundDevice]:
             )
             if not port.send(frame):
                 raise BusError(f"CAN bus {port.name} takes no frames: {port.last_problem}")
-            time.sleep(_PAUSE)
-        time.sleep(wait)
+            port.clock.sleep(_PAUSE)
+        port.clock.sleep(wait)
     finally:
         for node in nodes:
             port.network.unsubscribe(cob_id(FunctionCode.SDO_RESPONSE, node))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from types import TracebackType
 
 from cspr_drivers.canopen import cia402
@@ -127,8 +126,8 @@ class SingleDrive:
         self._release()
         try:
             for direction in (1, -1):
-                start = time.monotonic()
-                while (elapsed := time.monotonic() - start) < 1.5 * _RAMP_TIME:
+                start = self._device.clock.monotonic()
+                while (elapsed := self._device.clock.monotonic() - start) < 1.5 * _RAMP_TIME:
                     self._apply(direction * min(1.0, elapsed / _RAMP_TIME) * self._limit)
                     if abs(self._position_within(begin, travel) - begin) >= travel:
                         break
@@ -153,10 +152,10 @@ class SingleDrive:
         way = abs(counts) / radian  # rad
         self._release()
         try:
-            start = before = time.monotonic()
+            start = before = self._device.clock.monotonic()
             last = begin
             speed = 0.0
-            while (now := time.monotonic()) - start < way / _SPEED + _PATIENCE:
+            while (now := self._device.clock.monotonic()) - start < way / _SPEED + _PATIENCE:
                 reached = min(1.0, _SPEED * (now - start) / way) if way else 1.0
                 position = self._position_within(begin, abs(counts))
                 if now > before:
@@ -173,11 +172,11 @@ class SingleDrive:
     def slip(self, duration: float) -> float:
         """Return how far, in rad, the shaft moves in some time, s, with its brake closed."""
         begin = self.position()
-        end = time.monotonic() + duration
+        end = self._device.clock.monotonic() + duration
         largest = 0
-        while time.monotonic() < end:
+        while self._device.clock.monotonic() < end:
             largest = max(largest, abs(self.position() - begin))
-            time.sleep(0.05)
+            self._device.clock.sleep(0.05)
         return 2.0 * math.pi * largest / self.encoder_increments
 
     def _release(self) -> None:
@@ -189,7 +188,7 @@ class SingleDrive:
         """Set the torque, in thousandths of the rated torque, held within the limit."""
         value = max(-self._limit, min(self._limit, round(torque)))
         self._device.write(Parameter(0x6071, 0, 16, value, "target torque", signed=True))
-        time.sleep(_PAUSE)
+        self._device.clock.sleep(_PAUSE)
 
     def _position_within(self, begin: int, travel: int) -> int:
         position = self.position()
@@ -205,7 +204,9 @@ class SingleDrive:
     def _lead(self, target: Target, end: State) -> None:
         """Lead the drive through its states until it reports one of them, brake as it belongs to it."""
         times = self._config.timeouts
-        deadline = time.monotonic() + (times.enable if target is Target.OPERATION_ENABLED else times.stop)
+        deadline = self._device.clock.monotonic() + (
+            times.enable if target is Target.OPERATION_ENABLED else times.stop
+        )
         while True:
             word = self._device.read(_STATUS_WORD)
             state = cia402.decode_state(word)
@@ -215,7 +216,7 @@ class SingleDrive:
             if state in (State.FAULT, State.FAULT_REACTION_ACTIVE):
                 code = self._device.read(_ERROR_CODE)
                 raise DeviceError(self._device.name, f"is in fault (error code 0x{code:04X}): reset it first")
-            if time.monotonic() > deadline:
+            if self._device.clock.monotonic() > deadline:
                 brake = "open" if open_ else "closed"
                 raise DeviceError(
                     self._device.name,
@@ -224,4 +225,4 @@ class SingleDrive:
                 )
             control = cia402.next_control_word(state, target)
             self._device.write(Parameter(0x6040, 0, 16, control, "controlword"))
-            time.sleep(_PAUSE)
+            self._device.clock.sleep(_PAUSE)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from enum import Enum
+from queue import Empty
 from typing import TypeVar
 
 import can
 import canopen
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.canopen.object_entry import Parameter, Setting
+from cspr_drivers.clock import Clock
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 
 BOOT_UP = 0  # NMT state in the heartbeat of a device that has just started (CiA 301, section 7.2.8.3.3)
@@ -37,6 +38,24 @@ class NmtCommand(Enum):
     ENTER_PRE_OPERATIONAL = "PRE-OPERATIONAL"
 
 
+class _SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # canopen's classes count as untyped
+    """An SDO client that waits for answers by the clock of the machine."""
+
+    def __init__(self, node_id: int, clock: Clock, timeout: float) -> None:
+        super().__init__(0x600 + node_id, 0x580 + node_id, canopen.ObjectDictionary())
+        self._clock = clock
+        self._timeout = timeout
+
+    def read_response(self) -> bytes:
+        """Return the answer to a request, as canopen's own client does."""
+        try:
+            answer = self._clock.take(self.responses, self._timeout)
+        except Empty:
+            raise canopen.SdoCommunicationError("no answer") from None
+        self.responses.put(answer)
+        return bytes(super().read_response())
+
+
 class CanopenDevice:
     """Master's end of one device.
 
@@ -53,6 +72,11 @@ class CanopenDevice:
     on_boot, on_emergency
         Called in the receiving thread when it restarts, and with error code, error register and the
         manufacturer's five bytes of each emergency message.
+
+    Attributes
+    ----------
+    clock
+        Clock of the machine, as of the bus.
     """
 
     def __init__(
@@ -65,16 +89,18 @@ class CanopenDevice:
         on_emergency: Callable[[int, int, bytes], None] | None = None,
     ) -> None:
         self.name = name
-        self._heartbeat = clock.monotonic()
+        self.clock = port.clock
+        self._heartbeat = self.clock.monotonic()
         self._started: float | None = None
         self._nmt_state: int | None = None
         self._on_boot = on_boot
         self._sdo_timeout = sdo_timeout
         # Objects are addressed by index, so the master needs no object dictionary of the device.
         self._node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())
+        self._node.sdo = _SdoClient(node_id, port.clock, sdo_timeout)
+        self._node.sdo_channels[:] = [self._node.sdo]
         self._network = port.network
         self._network.add_node(self._node)
-        self._node.sdo.RESPONSE_TIMEOUT = clock.on_computer(sdo_timeout)
         self._node.nmt.add_heartbeat_callback(self._heard)
         self._on_emergency = on_emergency
         self._node.emcy.add_callback(self._emergency)
@@ -171,14 +197,14 @@ class CanopenDevice:
         DeviceError
             As `check`, if it does not come to have it.
         """
-        deadline = clock.monotonic() + self._sdo_timeout
+        deadline = self.clock.monotonic() + self._sdo_timeout
         while True:
             try:
                 self.check((expected,))
             except DeviceError:
-                if clock.monotonic() > deadline:
+                if self.clock.monotonic() > deadline:
                     raise
-                clock.sleep(0.01)
+                self.clock.sleep(0.01)
             else:
                 return
 
@@ -198,7 +224,7 @@ class CanopenDevice:
         except can.CanError as error:
             raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
         if command is NmtCommand.START:
-            self._started = clock.monotonic()
+            self._started = self.clock.monotonic()
 
     def leave_stopped(self) -> None:
         """Let a device that somebody has stopped answer SDO requests again (CiA 301, section 7.3.2.2.4).
@@ -215,9 +241,9 @@ class CanopenDevice:
         """Return the time since the last heartbeat, s."""
         return now - self._heartbeat
 
-    def expect_heartbeat(self, now: float) -> None:
-        """Count the heartbeat's age from `now`: the device has just been told to send it."""
-        self._heartbeat = now
+    def expect_heartbeat(self) -> None:
+        """Count the heartbeat's age from now on: the device has just been told to send it."""
+        self._heartbeat = self.clock.monotonic()
 
     def not_operational(self, grace: float) -> str:
         """Return the NMT state of a device that was started and is not operational; empty when all is well.
@@ -238,7 +264,7 @@ class CanopenDevice:
         return "unknown" if self._nmt_state is None else nmt_state_text(self._nmt_state)
 
     def _heard(self, state: int) -> None:
-        self._heartbeat = clock.monotonic()
+        self._heartbeat = self.clock.monotonic()
         self._nmt_state = state
         if state == BOOT_UP:
             self._started = None

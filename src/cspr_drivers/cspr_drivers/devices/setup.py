@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from cspr_drivers import clock
 from cspr_drivers.canopen import cia402
 from cspr_drivers.canopen.frame_table import DIGITAL_INPUTS, STATUS_WORD
 from cspr_drivers.canopen.object_entry import Parameter, Setting
@@ -208,5 +207,5 @@ def _require_no_torque(device: CanopenDevice) -> None:
 
 
 def _start(device: CanopenDevice) -> None:
-    device.expect_heartbeat(clock.monotonic())
+    device.expect_heartbeat()
     device.command(NmtCommand.START)

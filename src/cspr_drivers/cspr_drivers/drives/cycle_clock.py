@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from cspr_drivers import clock
+from cspr_drivers.clock import COMPUTER, Clock
 
 
 class CycleClock:
@@ -21,16 +21,19 @@ class CycleClock:
     tick
         What is called, in this clock's own thread, with the monotonic time, s. What it raises ends the
         thread.
+    clock
+        Clock of the machine.
 
     Attributes
     ----------
-    period
-        Time between two calls, s.
+    period, tick
+        As given.
     """
 
-    def __init__(self, period: float, tick: Callable[[float], None]) -> None:
+    def __init__(self, period: float, tick: Callable[[float], None], clock: Clock = COMPUTER) -> None:
         self.period = period
-        self._tick = tick
+        self.tick = tick
+        self._clock = clock
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="cycle clock", daemon=True)
         self._skipped = 0
@@ -67,16 +70,16 @@ class CycleClock:
         return self._worst_lateness
 
     def _run(self) -> None:
-        due = clock.monotonic()
+        due = self._clock.monotonic()
         while not self._stopping.is_set():
-            now = clock.monotonic()
+            now = self._clock.monotonic()
             if now < due:
-                clock.sleep(due - now)
-                now = clock.monotonic()
+                self._clock.sleep(due - now)
+                now = self._clock.monotonic()
             self._worst_lateness = max(self._worst_lateness, now - due)
-            self._tick(now)
+            self.tick(now)
             due += self.period
-            behind = clock.monotonic() - due
+            behind = self._clock.monotonic() - due
             if behind > self.period:
                 left_out = int(behind / self.period)
                 self._skipped += left_out

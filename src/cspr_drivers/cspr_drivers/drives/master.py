@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import CanPort, CanPorts, CyclicFrame, FrameHandler
 from cspr_drivers.canopen import frame_table
 from cspr_drivers.canopen.emergency import Emergency
@@ -49,6 +48,13 @@ class DriveMaster:
         Given the motor states of each cycle, in the receiving thread, as soon as the last drive has answered.
     report
         Given lines for the log.
+    cycle_clock
+        What calls the cycle once a period; simulated time has another.
+
+    Attributes
+    ----------
+    cycle_clock
+        The one in use.
     """
 
     def __init__(
@@ -57,11 +63,13 @@ class DriveMaster:
         ports: CanPorts,
         publish: Callable[[MotorStates], None],
         report: Callable[[str], None],
+        cycle_clock: type[CycleClock] = CycleClock,
     ) -> None:
         self._config = config
         self._ports = ports
         self._publish = publish
         count = len(config.drives)
+        self._clock = ports.clock
         self._lock = threading.Lock()
         self._postponed = 0  # SYNC frames left out since the drives were last enabled
         self._group = DriveGroup(
@@ -97,9 +105,9 @@ class DriveMaster:
         self._heartbeats_due = 0.0
         self._other_driver = threading.Event()
         self._started = self._stopped = False
-        self._clock = CycleClock(config.period, self._tick)
+        self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
         self._commissioning = Commissioning(
-            [str(drive) for drive in config.drives], self._configure, self._may_configure, report
+            [str(drive) for drive in config.drives], self._configure, self._may_configure, report, self._clock
         )
         self._failures = [(port, partial(self._bus_failed, port.name)) for port in ports]
         self._devices = [
@@ -125,7 +133,7 @@ class DriveMaster:
         heartbeat = self._heartbeat.arbitration_id
         for port in self._ports:
             port.subscribe(heartbeat, lambda data, now: self._other_driver.set())
-        if self._other_driver.wait(clock.on_computer(1.5 * self._config.timeouts.heartbeat_producer)):
+        if self._other_driver.wait(self._clock.on_computer(1.5 * self._config.timeouts.heartbeat_producer)):
             raise BusError(
                 "another driver is active on the CAN bus: "
                 f"its heartbeat as node {self._config.master_node_id} was seen"
@@ -136,15 +144,15 @@ class DriveMaster:
         for port, failure in self._failures:
             port.on_failure(failure)
         self._ports.on_sync(self._begin_cycle, self._lock)
-        self._clock.start()
+        self.cycle_clock.start()
         self._commissioning.start()
 
     def come_to_rest(self) -> None:
         """Close the brakes and wait until they hold, no longer than a limit."""
         self.disable()
-        deadline = clock.monotonic() + 2.0 * self._config.timeouts.stop
-        while self._clock.running and clock.monotonic() < deadline and not self._at_rest():
-            clock.sleep(self._config.period)
+        deadline = self._clock.monotonic() + 2.0 * self._config.timeouts.stop
+        while self.cycle_clock.running and self._clock.monotonic() < deadline and not self._at_rest():
+            self._clock.sleep(self._config.period)
 
     def stop(self) -> None:
         """Close the brakes, wait until they hold (no longer than a limit), and leave the bus."""
@@ -166,7 +174,7 @@ class DriveMaster:
                 device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
             except DeviceError:
                 break  # the bus takes no frames; the drives notice the missing heartbeat
-        self._clock.stop()
+        self.cycle_clock.stop()
         self._ports.off_sync(self._begin_cycle)
         for port, failure in self._failures:
             port.off_failure(failure)
@@ -196,7 +204,7 @@ class DriveMaster:
                 self._cycle.command(index, fresh=False, time=0.0)  # overtaken by a newer one
                 return
             self._command_stamps[index] = stamp_ns
-            now = clock.monotonic()
+            now = self._clock.monotonic()
             self._group.commanded(index, now)
             if self._group.state is GroupState.FAULT:
                 return  # the torque stays what it was when the fault came, until the brakes hold
@@ -204,7 +212,7 @@ class DriveMaster:
             frame.torque = self._config.drives[index].units.per_mille(torque)
             self._torque_watch.told(index, torque)
             if frame.send(self._group.control_words[index], self._cycle_end):
-                self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=clock.monotonic())
+                self._cycle.command(index, fresh=stamp_ns == self._sync_stamp, time=self._clock.monotonic())
 
     def reject_command(self, index: int, problem: str) -> None:
         """Count a command that could not be read; stop the drives when they are in motion."""
@@ -216,29 +224,29 @@ class DriveMaster:
     def enable(self, index: int | None = None) -> str | None:
         """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
         with self._lock:
-            refusal = self._group.enable(clock.monotonic(), index)
+            refusal = self._group.enable(self._clock.monotonic(), index)
             if refusal is None:
                 self._cycle.clear()
-                self._clock.clear()
+                self.cycle_clock.clear()
                 self._postponed = 0
             return refusal
 
     def disable(self, index: int | None = None) -> None:
         """Begin to close the brakes, of all drives or of one, and to take the torque away."""
         with self._lock:
-            self._group.disable(clock.monotonic(), index)
+            self._group.disable(self._clock.monotonic(), index)
             self._send_changed()
 
     def quick_stop(self, cause: str) -> None:
         """Stop all drives at once and latch the cause."""
         with self._lock:
-            self._group.quick_stop(cause, clock.monotonic())
+            self._group.quick_stop(cause, self._clock.monotonic())
             self._send_changed()
 
     def fault_reset(self, index: int | None = None) -> str | None:
         """Begin to reset faults and the latched cause, or the fault of one drive; return why not when refused."""
         with self._lock:
-            return self._group.fault_reset(clock.monotonic(), index)
+            return self._group.fault_reset(self._clock.monotonic(), index)
 
     def set_home(self) -> str | None:
         """Take the present pose as the home pose and store it in the configuration file; return why not.
@@ -247,7 +255,7 @@ class DriveMaster:
         rest, for a controller would take the jump of the angle for motion.
         """
         with self._lock:
-            now = clock.monotonic()
+            now = self._clock.monotonic()
             if self._group.state in IN_MOTION:
                 return f"the drives are {self._group.state.value}: disable them first"
             for index, drive in enumerate(self._group.drives):
@@ -283,7 +291,7 @@ class DriveMaster:
 
     def snapshot(self) -> DriveReport:
         """Return the present state."""
-        now = clock.monotonic()
+        now = self._clock.monotonic()
         with self._lock:
             return DriveReport(
                 self._group.state,
@@ -298,9 +306,9 @@ class DriveMaster:
                 self._cycle.statistics(),
                 self._rejected,
                 self._last_rejection,
-                self._clock.skipped + self._postponed,
-                self._clock.worst_lateness,
-                self._clock.running,
+                self.cycle_clock.skipped + self._postponed,
+                self.cycle_clock.worst_lateness,
+                self.cycle_clock.running,
             )
 
     # The cycle.
@@ -346,7 +354,7 @@ class DriveMaster:
     def _begin_cycle(self, now: float, stamp_ns: int) -> None:
         self._cycle.sync(counted=self._group.state is GroupState.ENABLED)
         self._sync_time = now
-        self._cycle_end = now + self._clock.period
+        self._cycle_end = now + self.cycle_clock.period
         self._sync_stamp = stamp_ns
 
     def _feedback(self, index: int, data: bytes | bytearray, now: float) -> None:
@@ -407,7 +415,7 @@ class DriveMaster:
         """Stop when a bus carries no frames any more, with that as the cause; what follows from it comes later."""
         with self._lock:
             if self._group.state in IN_MOTION:
-                self._group.quick_stop(f"bus {bus}: {problem}", clock.monotonic())
+                self._group.quick_stop(f"bus {bus}: {problem}", self._clock.monotonic())
                 self._send_changed()
 
     def _handlers(self) -> Iterator[tuple[CanPort, int, FrameHandler]]:
@@ -421,7 +429,7 @@ class DriveMaster:
                 yield port, cob_id(FunctionCode.TPDO3, drive.node_id), partial(self._inputs, index)
 
     def _send_changed(self) -> None:
-        deadline = clock.monotonic() + self._config.period
+        deadline = self._clock.monotonic() + self._config.period
         for index, (frame, word) in enumerate(zip(self._frames, self._group.control_words, strict=True)):
             if word != frame.control_word and not self._group.settled(index):
                 frame.send(word, deadline)
@@ -430,7 +438,7 @@ class DriveMaster:
         self._rejected += 1
         self._last_rejection = f"{self._config.drives[index].name}: {problem}"
         if self._group.state in IN_MOTION:
-            self._group.quick_stop(self._last_rejection, clock.monotonic())
+            self._group.quick_stop(self._last_rejection, self._clock.monotonic())
             self._send_changed()
 
     def _at_rest(self) -> bool:
@@ -445,15 +453,15 @@ class DriveMaster:
             facts = set_up_drive(self._devices[index], self._config, self._config.drives[index])
         except DeviceError as error:
             with self._lock:
-                self._group.lost(index, error.problem, clock.monotonic())
+                self._group.lost(index, error.problem, self._clock.monotonic())
             raise
         with self._lock:
             self._facts[index] = facts
             self._group.configured(index)
             if facts.error_register:
-                past = Emergency(facts.error_code, facts.error_register, bytes(5), clock.monotonic())
+                past = Emergency(facts.error_code, facts.error_register, bytes(5), self._clock.monotonic())
                 self._group.emergency(index, past)
-            self._group.emergency_stop(index, facts.emergency_stop, clock.monotonic())
+            self._group.emergency_stop(index, facts.emergency_stop, self._clock.monotonic())
 
     def _may_configure(self) -> bool:
         with self._lock:
@@ -475,7 +483,7 @@ class DriveMaster:
 
     def _booted(self, index: int) -> None:
         with self._lock:
-            self._lose(index, "restarted", clock.monotonic())
+            self._lose(index, "restarted", self._clock.monotonic())
 
     def _lose(self, index: int, reason: str, now: float) -> None:
         self._group.lost(index, reason, now)
@@ -484,5 +492,5 @@ class DriveMaster:
 
     def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:
-            self._group.emergency(index, Emergency(code, register, data, clock.monotonic()))
+            self._group.emergency(index, Emergency(code, register, data, self._clock.monotonic()))
             self._send_changed()

@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.canopen.cia404 import status_text
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency, after
 from cspr_drivers.canopen.frame_table import INPUT_STATUS, PROCESS_VALUE, FunctionCode, cob_id
+from cspr_drivers.clock import Thread
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice, NmtCommand
 from cspr_drivers.devices.settings import load_cell_tare
@@ -93,11 +93,11 @@ class LoadCellMaster:
         self._sync_time: float | None = None
         self._tare_result = ""
         self._stopped = False
-        self._taring: threading.Thread | None = None
+        self._taring: Thread | None = None
         self._value_place = config.pdo.load_cell_tpdo.position(PROCESS_VALUE)
         self._status_place = config.pdo.load_cell_tpdo.position(INPUT_STATUS)
         self._commissioning = Commissioning(
-            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report
+            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, ports.clock
         )
         self._devices = [
             CanopenDevice(
@@ -153,8 +153,7 @@ class LoadCellMaster:
         if refusal is None and self._taring is not None and self._taring.is_alive():
             refusal = "taring is under way"
         if refusal is None:
-            self._taring = threading.Thread(target=self._tare, name="tare", daemon=True)
-            self._taring.start()
+            self._taring = self._ports.clock.start(self._tare, "tare")
         return refusal
 
     def watch(self, now: float) -> None:
@@ -234,7 +233,7 @@ class LoadCellMaster:
 
     def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:
-            message = Emergency(code, register, data, clock.monotonic())
+            message = Emergency(code, register, data, self._ports.clock.monotonic())
             self._errors[index] = after(self._errors[index], message)
 
     def _tare(self) -> None:

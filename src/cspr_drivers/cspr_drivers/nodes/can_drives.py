@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
+from itertools import starmap
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from cspr_drivers.bus.bus_load import require_fitting_load
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
@@ -28,7 +30,7 @@ from cspr_msgs_py.runtime.process import (
     subscribe_raw,
 )
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
-from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 
@@ -45,9 +47,10 @@ class CanDrives(DriverNode):
         self,
         config: CanConfig | None = None,
         ports: SharedPorts | CanPorts | None = None,
+        clock: Clock = COMPUTER,
         **options: Any,
     ) -> None:
-        super().__init__("can_drives", config, ports, **options)
+        super().__init__("can_drives", config, ports, clock, **options)
         self._rate = declare(
             self,
             "control_rate",
@@ -154,18 +157,20 @@ class CanDrives(DriverNode):
         before, self._published_states = self._published_states, states
         self._since_published = 0.0
         stamp = self.get_clock().now().nanoseconds
-        self._drive_states.publish(diagnostic_array(stamp, drive_states(self.master.snapshot())))
+        statuses = drive_states(self.master.snapshot())
+        self._drive_states.publish(diagnostic_array(stamp, starmap(diagnostic_status, statuses)))
         state, cause, _ = states
         if before is None or before[0] is not state:
             self.get_logger().info(f"drives {state.value}" + (f": {cause}" if cause else ""))
 
     def _report(self) -> list[DiagnosticStatus]:
         if self._master is None:
-            return [not_configured(self.get_name())]
-        return [
+            return [diagnostic_status(*not_configured(self.get_name()))]
+        statuses = [
             *drive_diagnostics(self._master.snapshot()),
             *(bus_status("can_drives", p) for p in self.ports),
         ]
+        return [diagnostic_status(*status) for status in statuses]
 
 
 def main() -> int:

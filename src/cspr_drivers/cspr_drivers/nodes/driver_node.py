@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.clock import Clock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_msgs_py.runtime.process import declare
 
@@ -30,16 +31,25 @@ class DriverNode(LifecycleNode):
     config, ports
         Configuration and buses when they are shared with another node. By default both come from the parameter
         ``can_config``.
+    clock
+        Clock of the machine, for buses that are opened here.
     options
         Keyword arguments of `LifecycleNode`.
     """
 
     def __init__(
-        self, name: str, config: CanConfig | None, ports: SharedPorts | CanPorts | None, **options: Any
+        self,
+        name: str,
+        config: CanConfig | None,
+        ports: SharedPorts | CanPorts | None,
+        clock: Clock,
+        **options: Any,
     ) -> None:
         super().__init__(name, **options)
         self.config = load_config(self) if config is None else config
-        self.shared_ports = ports if isinstance(ports, SharedPorts) else SharedPorts(self.config, ports)
+        self.shared_ports = (
+            ports if isinstance(ports, SharedPorts) else SharedPorts(self.config, ports, clock)
+        )
         self.active = False
         self._autostart = declare(
             self, "autostart", True, "configure and activate the node at its start", read_only=True

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from itertools import starmap
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
@@ -22,7 +23,7 @@ from cspr_drivers.nodes.driver_messages import (
 from cspr_drivers.nodes.driver_node import DriverNode
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer
 from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, cable_names
-from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 WATCH_PERIOD = 0.5  # s; how often heartbeats are looked at
@@ -36,9 +37,10 @@ class LoadCells(DriverNode):
         self,
         config: CanConfig | None = None,
         ports: SharedPorts | CanPorts | None = None,
+        clock: Clock = COMPUTER,
         **options: Any,
     ) -> None:
-        super().__init__("load_cells", config, ports, **options)
+        super().__init__("load_cells", config, ports, clock, **options)
         self._tare_limit = declare(
             self,
             "tare_limit",
@@ -83,31 +85,33 @@ class LoadCells(DriverNode):
 
     def _watch(self) -> None:
         if self._master is not None:
-            self._master.watch(clock.monotonic())
+            self._master.watch(self.ports.clock.monotonic())
 
     def _watch_cells(self) -> None:
         if self._master is None:
             return
         self._since_published += STATE_PERIOD
-        problems = self._master.problems(clock.monotonic())
+        problems = self._master.problems(self.ports.clock.monotonic())
         if problems == self._published and self._since_published < 1.0:
             return
         self._published = problems
         self._since_published = 0.0
         stamp = self.get_clock().now().nanoseconds
-        self._states.publish(diagnostic_array(stamp, load_cell_states(self._names, problems)))
+        statuses = load_cell_states(self._names, problems)
+        self._states.publish(diagnostic_array(stamp, starmap(diagnostic_status, statuses)))
 
     def _publish(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self._tensions.publish(self._codec.encode(stamp_ns, effort=tensions))
 
     def _report(self) -> list[DiagnosticStatus]:
         if self._master is None:
-            return [not_configured(self.get_name())]
-        report = self._master.snapshot(clock.monotonic())
-        return [
+            return [diagnostic_status(*not_configured(self.get_name()))]
+        report = self._master.snapshot(self.ports.clock.monotonic())
+        statuses = [
             *load_cell_diagnostics(self._names, report),
             *(bus_status("load_cells", port) for port in self.ports),
         ]
+        return [diagnostic_status(*status) for status in statuses]
 
 
 def main() -> int:

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from cspr_drivers import clock
+from cspr_drivers.clock import COMPUTER, SlowClock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
@@ -49,21 +49,22 @@ class SimulatedRobot(Node):
     ----------
     config
         `can.yaml`, with the buses on which the devices are.
+    clock
+        Clock of the machine.
     """
 
     def __init__(self, virtual: bool = True, **options: Any) -> None:
         super().__init__("simulated_robot", **options)
-        clock.set_speed(
-            declare(
-                self,
-                "speed",
-                1.0,
-                "seconds of the machine in a second of the computer; below 1, a slow computer keeps up with it",
-                minimum=0.01,
-                maximum=1.0,
-                read_only=True,
-            )
+        speed = declare(
+            self,
+            "speed",
+            1.0,
+            "seconds of the machine in a second of the computer; below 1, a slow computer keeps up with it",
+            minimum=0.01,
+            maximum=1.0,
+            read_only=True,
         )
+        self.clock = COMPUTER if speed == 1.0 else SlowClock(speed)
         config = load_config(self)
         self.config = on_virtual_buses(config) if virtual else config
         path = declare(
@@ -82,7 +83,9 @@ class SimulatedRobot(Node):
             "whether frames take as long as on a real bus, at the cost of some more computing time",
             read_only=True,
         )
-        self._emulator = RobotEmulator(self.config, simulation, _plant(simulation), eds_directory, bus_timing)
+        self._emulator = RobotEmulator(
+            self.config, simulation, _plant(simulation), eds_directory, bus_timing, self.clock
+        )
         self._payload = advertise(self, SIMULATED_PAYLOAD)
         subscribe(self, SET_SIMULATED_PAYLOAD, self._set_payload)
         self._refused_payloads = 0
@@ -110,7 +113,7 @@ class SimulatedRobot(Node):
         if self._emulator.failure is not None:
             raise self._emulator.failure
         payload = self._emulator.payload
-        self._payload.publish(inertia_stamped(clock.time_ns(), payload.mass, payload.center_of_mass))
+        self._payload.publish(inertia_stamped(self.clock.system_ns(), payload.mass, payload.center_of_mass))
         slack = self._emulator.slack_cables()
         for cable in sorted(set(slack) - set(self._slack)):
             self._slack_events += 1
@@ -191,7 +194,7 @@ def on_virtual_buses(config: CanConfig) -> CanConfig:
 def create_nodes(**options: Any) -> list[Node]:
     """Return the drivers' nodes and, last to be destroyed, the one that owns what is behind them."""
     simulated = SimulatedRobot(**options)
-    drives = CanDrives(simulated.config, **options)
+    drives = CanDrives(simulated.config, clock=simulated.clock, **options)
     return [drives, LoadCells(simulated.config, drives.shared_ports, **options), simulated]
 
 

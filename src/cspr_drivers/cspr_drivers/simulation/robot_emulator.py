@@ -13,9 +13,9 @@ from types import TracebackType
 import can
 import canopen
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import QuickVirtualBus, open_bus
 from cspr_drivers.canopen.frame_table import SYNC_COB_ID
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.errors import BusError, ConfigurationError, DriverError
 from cspr_drivers.simulation.bus.timed_bus import TimedBus
@@ -62,6 +62,8 @@ class RobotEmulator:
         Directory of the EDS files `cia402_drive.eds` and `cia404_load_cell.eds`.
     bus_timing
         Whether frames on virtual buses take as long as on copper, see `TimedBus`.
+    clock
+        Clock of the machine.
 
     Attributes
     ----------
@@ -87,43 +89,11 @@ class RobotEmulator:
         plant: PlantModel,
         eds_directory: Path,
         bus_timing: bool = False,
+        clock: Clock = COMPUTER,
     ) -> None:
-        count = simulation.robot.number_of_cables
-        for key, devices in (("drives", can_config.drives), ("load_cells", can_config.load_cells)):
-            if len(devices) != count:
-                raise ConfigurationError(
-                    f"{can_config.source}: {key}: lists {len(devices)} devices, but the simulated robot has "
-                    f"{count} cables"
-                )
-        for name in (DRIVE_EDS, LOAD_CELL_EDS):
-            if not (eds_directory / name).is_file():
-                raise ConfigurationError(
-                    f"{eds_directory / name}: missing; it describes the devices of {can_config.source}, beside it"
-                )
-        self.machine = SharedPlant(plant, simulation.payload_changes)
-        self.drives = tuple(
-            DriveEmulator(
-                config,
-                eds_directory / DRIVE_EDS,
-                self.machine,
-                index,
-                simulation.brake,
-                simulation.drive,
-                can_config.brake_open_bit,
-            )
-            for index, config in enumerate(can_config.drives)
-        )
-        self.load_cells = tuple(
-            LoadCellEmulator(
-                config,
-                eds_directory / LOAD_CELL_EDS,
-                self.machine,
-                index,
-                simulation.load_cells,
-                simulation.seed,
-            )
-            for index, config in enumerate(can_config.load_cells)
-        )
+        self._clock = clock
+        self.machine = SharedPlant(plant, simulation.payload_changes, clock)
+        self.drives, self.load_cells = emulated_devices(can_config, simulation, self.machine, eds_directory)
         # The torques of a cycle are applied while the amplifiers convert, or by the next SYNC: whoever sends them
         # need not wait for the plant.
         self.machine.inputs_at_once = 2 * len(self.drives)
@@ -142,16 +112,16 @@ class RobotEmulator:
         node_configs: tuple[DriveConfig | LoadCellConfig, ...] = (*can_config.drives, *can_config.load_cells)
         try:
             for bus in can_config.buses:
-                network = canopen.Network(open_bus(bus))
+                network = canopen.Network(open_bus(bus, clock=clock))
                 self._networks.append(network)
                 if isinstance(network.bus, QuickVirtualBus):
                     network.bus = TimedBus(
-                        network.bus, bus.bitrate, partial(self._deliver, network), bus_timing
+                        network.bus, bus.bitrate, partial(self._deliver, network), bus_timing, clock
                     )
                     buses[bus.name] = network.bus
                 else:
                     network.NOTIFIER_CYCLE = _LONGEST_CLOSING
-                    network.listeners[:] = [_Receiver(network, partial(self._deliver, network))]
+                    network.listeners[:] = [_Receiver(network, partial(self._deliver, network), clock)]
                     network.connect()
                 for config, node in zip(node_configs, self._nodes, strict=True):
                     if config.bus == bus.name:
@@ -280,7 +250,7 @@ class RobotEmulator:
         machine = self.machine
         while (conversion := self._conversions.get()) is not None:
             time, load_cells = conversion
-            clock.sleep(max(0.0, time + self._conversion_time - machine.now()))
+            self._clock.sleep(max(0.0, time + self._conversion_time - machine.now()))
             with machine.lock:
                 for node in load_cells:
                     node.answer(time)
@@ -298,7 +268,7 @@ class RobotEmulator:
         while True:
             settled = all(drive.automaton.settled for drive in self.drives)
             due += _IDLE_TICK if settled else _TICK
-            if self._stopping.wait(clock.on_computer(max(0.0, due - machine.now()))):
+            if self._stopping.wait(self._clock.on_computer(max(0.0, due - machine.now()))):
                 return
             machine.align()
             with machine.lock:
@@ -325,11 +295,62 @@ class RobotEmulator:
             node.tick(time, supervise)
 
 
+def emulated_devices(
+    can_config: CanConfig, simulation: SimulationConfig, machine: SharedPlant, eds_directory: Path
+) -> tuple[tuple[DriveEmulator, ...], tuple[LoadCellEmulator, ...]]:
+    """Return the drives and the load cells of a configuration, in the order of the cables, on no bus yet.
+
+    Raises
+    ------
+    ConfigurationError
+        As `RobotEmulator` does.
+    """
+    count = simulation.robot.number_of_cables
+    for key, devices in (("drives", can_config.drives), ("load_cells", can_config.load_cells)):
+        if len(devices) != count:
+            raise ConfigurationError(
+                f"{can_config.source}: {key}: lists {len(devices)} devices, but the simulated robot has "
+                f"{count} cables"
+            )
+    for name in (DRIVE_EDS, LOAD_CELL_EDS):
+        if not (eds_directory / name).is_file():
+            raise ConfigurationError(
+                f"{eds_directory / name}: missing; it describes the devices of {can_config.source}, beside it"
+            )
+    drives = tuple(
+        DriveEmulator(
+            config,
+            eds_directory / DRIVE_EDS,
+            machine,
+            index,
+            simulation.brake,
+            simulation.drive,
+            can_config.brake_open_bit,
+        )
+        for index, config in enumerate(can_config.drives)
+    )
+    load_cells = tuple(
+        LoadCellEmulator(
+            config,
+            eds_directory / LOAD_CELL_EDS,
+            machine,
+            index,
+            simulation.load_cells,
+            simulation.seed,
+        )
+        for index, config in enumerate(can_config.load_cells)
+    )
+    return drives, load_cells
+
+
 class _Receiver:
     """What python-can's receiving thread calls for one bus of the kernel; the devices outlive its interface."""
 
-    def __init__(self, network: canopen.Network, deliver: Callable[[can.Message], None]) -> None:
+    def __init__(
+        self, network: canopen.Network, deliver: Callable[[can.Message], None], clock: Clock
+    ) -> None:
         self._network = network
+        self._clock = clock
         self._deliver = deliver
 
     def __call__(self, message: can.Message) -> None:
@@ -339,4 +360,4 @@ class _Receiver:
         """Go on after a failure: an interface that is down may come up again, and canopen would send no more."""
         if self._network.notifier is not None:
             self._network.notifier.exception = None
-        clock.sleep(_LONGEST_CLOSING)
+        self._clock.sleep(_LONGEST_CLOSING)

@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import can
 
-from cspr_drivers import clock
 from cspr_drivers.bus.can_bus import QuickVirtualBus, copied_frame
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.simulation.bus.bus_timing import DRIVER, BusDisturbance, BusTiming
 
 _LONGEST_BATCH = 0.0015  # s between two deliveries while frames wait
@@ -32,13 +32,21 @@ class TimedBus:
         Given each frame of the driver.
     timed
         Whether frames take their time; otherwise they are through at once, which costs less.
+    clock
+        Clock of the machine.
     """
 
     channel_info = "simulated bus"
 
     def __init__(
-        self, end: QuickVirtualBus, bitrate: int, deliver: Callable[[can.Message], None], timed: bool
+        self,
+        end: QuickVirtualBus,
+        bitrate: int,
+        deliver: Callable[[can.Message], None],
+        timed: bool,
+        clock: Clock = COMPUTER,
     ) -> None:
+        self._clock = clock
         self._end = end
         self._deliver = deliver
         self._timed = timed
@@ -64,7 +72,7 @@ class TimedBus:
     def disturb(self, disturbance: BusDisturbance) -> None:
         """Let something disturb the bus from now on, or no longer."""
         with self._changed:
-            self._timing.passed(clock.monotonic())
+            self._timing.passed(self._clock.monotonic())
             self._timing.disturb(disturbance)
             self._direct = not (self._timed or self._timing.disturbed)
             self._changed.notify()
@@ -86,7 +94,7 @@ class TimedBus:
 
     def _offer(self, frame: can.Message, sender: object, time: float | None) -> None:
         with self._changed:
-            self._timing.offer(frame, sender, clock.monotonic() if time is None else time)
+            self._timing.offer(frame, sender, self._clock.monotonic() if time is None else time)
             if self._idle:
                 self._changed.notify()
 
@@ -100,10 +108,10 @@ class TimedBus:
                 if self._closed:
                     return
             if pause:
-                clock.sleep(pause)
+                self._clock.sleep(pause)
             with self._changed:
-                through = self._timing.passed(clock.monotonic())
-            to_time_of_day = clock.time() - clock.monotonic()
+                through = self._timing.passed(self._clock.monotonic())
+            to_time_of_day = self._clock.system() - self._clock.monotonic()
             for time, sender, frame in through:
                 frame.timestamp = time + to_time_of_day
                 self._moment = time
@@ -118,7 +126,7 @@ class TimedBus:
         next_end = self._timing.next_end()
         if next_end is None:
             return None
-        now = clock.monotonic()
+        now = self._clock.monotonic()
         if self._timing.disturbed:
             return max(next_end - now, _BABBLING_BATCH)
         return max(0.0, min(self._timing.last_end() - now, _LONGEST_BATCH))

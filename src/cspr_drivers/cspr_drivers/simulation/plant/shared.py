@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_drivers import clock
+from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.simulation_config import PayloadChange
 from cspr_kinematics import Payload
@@ -124,9 +124,8 @@ class SharedPlant:
         The machine. Its time 0 is the moment at which this object is made.
     payload_changes
         Payloads that arrive by themselves.
-    steady_clock, system_clock
-        Clocks, s; the machine's by default. Plant time runs with the steady one; frames are stamped with the
-        system clock.
+    clock
+        Clock of the machine. Plant time runs with its monotonic time; frames are stamped with its time of day.
 
     Attributes
     ----------
@@ -144,17 +143,15 @@ class SharedPlant:
         self,
         plant: PlantModel,
         payload_changes: tuple[PayloadChange, ...] = (),
-        steady_clock: Callable[[], float] | None = None,
-        system_clock: Callable[[], float] | None = None,
+        clock: Clock = COMPUTER,
     ) -> None:
         self.plant = plant
         self.lock = threading.RLock()
         self.failure: DriverError | None = None
         self.inputs_at_once = 1
-        self._steady_clock = steady_clock or clock.monotonic
-        self._system_clock = system_clock or clock.time
-        self._steady_start = self._steady_clock()
-        self._system_start = self._system_clock()
+        self._clock = clock
+        self._steady_start = self._clock.monotonic()
+        self._system_start = self._clock.system()
         self._arrived: deque[tuple[float, Callable[[], None]]] = deque()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
         self._time = plant.time
@@ -168,13 +165,13 @@ class SharedPlant:
 
     def now(self) -> float:
         """Return the present plant time, s."""
-        return self._steady_clock() - self._steady_start
+        return self._clock.monotonic() - self._steady_start
 
     def align(self) -> None:
         """Compare the clocks again, as the system clock may be slewed or set; call it now and then."""
-        before = self._steady_clock()
-        system = self._system_clock()
-        after = self._steady_clock()
+        before = self._clock.monotonic()
+        system = self._clock.system()
+        after = self._clock.monotonic()
         if after - before <= _SIMULTANEOUS:
             self._system_start = system - (0.5 * (before + after) - self._steady_start)
 
@@ -189,7 +186,7 @@ class SharedPlant:
     def time_at(self, stamp: float) -> float:
         """Return the plant time, s, at which a frame with this time stamp was on the bus."""
         time = stamp - self._system_start
-        now = self._steady_clock() - self._steady_start
+        now = self._clock.monotonic() - self._steady_start
         return time if abs(now - time) <= _LARGEST_FRAME_AGE else now
 
     def advance(self, time: float, exactly: bool = False) -> None:
