@@ -1,33 +1,40 @@
-# Targets: demo, test, test-socketcan, lint, bench, paper, build, clean. Each makes what it needs, the virtual
+# Targets: demo, test, soak, test-socketcan, lint, bench, paper, build, clean. Each makes what it needs, the virtual
 # environment included.
 #   make demo ARGS="--controller static --payload 200"     options of the demo: make demo ARGS=--help
 #   make test ARGS="tests/kinematics -k jacobian"          arguments for pytest
+#   make test SEED=7                                       other random examples; make soak draws them for hours
 #   make PYTHON=python3.12 VENV=.venv-3.12 test            another interpreter in an environment of its own
 PYTHON ?= python3
 VENV ?= .venv
 REQUIREMENTS ?= requirements.txt
 ARGS ?=
+SEED ?=
+ROUNDS ?= 100
 PACKAGES := cspr_kinematics cspr_msgs_py cspr_control cspr_drivers
 READY := $(VENV)/.ready
 BENCH_READY := $(VENV)/.bench-ready
+PYTEST := $(VENV)/bin/python -m pytest $(if $(SEED),--seed $(SEED))
 
 # Nothing leaves this machine, and no robot in the same network hears it.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONPATH
 
-.PHONY: help demo test test-socketcan lint bench paper build clean
+.PHONY: help demo test test-parts test-whole soak test-socketcan lint bench paper build clean
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -5
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -6
 
+# The lock: environments that are made side by side would write the same files in src. The hook formats and lints what
+# is committed; whoever has hooks of their own keeps them.
 $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	@echo "== making the environment in $(VENV) (once; a few minutes)"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "Python >= 3.11 is needed; name one with: make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r $(REQUIREMENTS)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation --no-deps \
-		$(PACKAGES:%=-e src/%)
+	flock src $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation \
+		--no-deps $(PACKAGES:%=-e src/%)
 	$(VENV)/bin/python -m cspr_kinematics.warm_up config/robot.yaml
+	@git config core.hooksPath > /dev/null 2>&1 || git config core.hooksPath .githooks 2> /dev/null || true
 	@touch $@
 
 # One by one and without what they depend on: a solver that has no wheel here costs nobody else's.
@@ -42,16 +49,27 @@ demo: $(READY)
 	@echo "== demo: the whole graph on a simulated robot"
 	@$(VENV)/bin/python -m cspr_control.programs.demo $(ARGS)
 
-# More workers than some machines have CPUs: many tests wait for other processes.
 test: $(READY)
-	@echo "== tests"
 ifeq ($(strip $(ARGS)),)
-	$(VENV)/bin/python -m pytest -q -n 4 --dist worksteal --ignore tests/graph/test_closed_loop.py
-	@echo "== tests of the whole graph, which wants the CPUs for itself"
-	$(VENV)/bin/python -m pytest -q tests/graph/test_closed_loop.py
+	@$(MAKE) --no-print-directory test-parts
+	@$(MAKE) --no-print-directory test-whole
 else
-	$(VENV)/bin/python -m pytest $(ARGS)
+	$(PYTEST) $(ARGS)
 endif
+
+# More workers than some machines have CPUs: many tests wait for other processes.
+WHOLE := tests/graph/test_closed_loop.py
+test-parts: $(READY)
+	@echo "== tests"
+	$(PYTEST) -q -n 4 --dist worksteal --ignore $(WHOLE)
+test-whole: $(READY)
+	@echo "== tests of the whole graph, which need the CPUs to themselves"
+	$(PYTEST) -q $(WHOLE)
+
+# Every test that draws random numbers, ROUNDS times as many of them, from SEED on.
+soak: $(READY)
+	@echo "== soak: $(ROUNDS) rounds of every test that draws random numbers"
+	$(PYTEST) -q -n auto --dist worksteal --rounds $(ROUNDS) $(ARGS)
 
 # On the kernel's CAN; the interfaces are made where that is possible and they are missing.
 CAN_INTERFACES := vcan0 vcan1
@@ -66,7 +84,7 @@ test-socketcan: $(READY)
 			echo "  modprobe vcan && ip link add $$name type vcan && ip link set $$name up"; \
 			exit 1; }; \
 	done
-	$(VENV)/bin/python -m pytest tests/socketcan $(ARGS)
+	$(PYTEST) tests/socketcan $(ARGS)
 
 lint: $(READY)
 	@echo "== ruff and mypy"
@@ -86,7 +104,7 @@ build: $(READY)
 	@echo "== colcon build into install/, then every executable is started and stopped"
 	PATH="$(abspath $(VENV))/bin:$$PATH" $(VENV)/bin/colcon --log-base build/log build --base-paths src \
 		--build-base build/colcon --install-base install $(ARGS)
-	$(VENV)/bin/python -m pytest -q tests/workspace
+	$(PYTEST) -q tests/workspace
 
 clean:
 	rm -rf build install log $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

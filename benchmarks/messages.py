@@ -23,7 +23,8 @@ def main() -> None:
         message = JointState(name=list(names))
         message.header.stamp = time_message(1)
         message.position = message.velocity = message.effort = values.tolist()
-        return serialize_message(message)
+        buffer: bytes = serialize_message(message)
+        return buffer
 
     rows = [
         ("encode, template", microseconds(lambda: codec.encode(1, values, values, values), 5000)),

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from itertools import islice
 from pathlib import Path
 from time import process_time
+from typing import Any
 
 import numpy as np
 from mcap.reader import make_reader
@@ -83,7 +84,7 @@ def mcap_ros2_support(bag: Path, number: int) -> None:
 
 def rosbags(bag: Path, number: int) -> None:
     with AnyReader([bag]) as reader:
-        messages = [
+        messages: list[Any] = [  # of a class that is made from the definition in the bag
             reader.deserialize(data, connection.msgtype)
             for connection, _, data in islice(reader.messages(), number)
         ]

@@ -1,7 +1,7 @@
 """The robot's driver, buses, devices and plant in simulated time: every step on command, nothing waits.
 
 The parts are the product's own: the masters of drives and load cells, the emulated devices, MuJoCo's plant. In
-between stands the model of the bus. Their clocks are this module's.
+between stands the model of the bus. All read this module's clock.
 """
 
 from __future__ import annotations
@@ -9,20 +9,17 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from heapq import heappop, heappush
 from pathlib import Path
-from typing import Any
-from unittest import mock
 
 import can
 import canopen
 
-from cspr_drivers import clock as machine_clock
 from cspr_drivers.bus.can_bus import CanPort, CanPorts
 from cspr_drivers.canopen.frame_table import SYNC_COB_ID
+from cspr_drivers.clock import Clock
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.drives import master as drive_master
+from cspr_drivers.drives.cycle_clock import CycleClock
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.load_cells.master import LoadCellMaster
@@ -40,7 +37,7 @@ _SYSTEM = 1.7e9  # s, system time less monotonic time
 _PATIENCE = 30.0  # s of real time for the devices to be configured
 
 
-class SteppedClock:
+class SteppedClock(Clock):
     """The clock of the machine, standing still until told."""
 
     def __init__(self) -> None:
@@ -50,12 +47,12 @@ class SteppedClock:
         """Time, s."""
         return self.time
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, duration: float) -> None:
         """Let time pass for the thread that steps; other threads get real time."""
         if threading.current_thread() is threading.main_thread():
-            self.time += seconds
+            self.time += duration
         else:
-            time.sleep(seconds)
+            time.sleep(duration)
 
     def system(self) -> float:
         """Time since 1970, s."""
@@ -66,24 +63,20 @@ class SteppedClock:
         return round((self.time + _SYSTEM) * 1e9)
 
 
-class _SteppedCycleClock:
-    """Stands for `CycleClock`: the simulation calls `tick`."""
+class _SteppedCycleClock(CycleClock):
+    """A cycle clock without a thread: the simulation calls `tick`."""
 
-    def __init__(self, period: float, tick: Callable[[float], None]) -> None:
-        self.period = period
-        self.tick = tick
-        self.running = False
-        self.skipped = 0
-        self.worst_lateness = 0.0
+    _runs = False
 
     def start(self) -> None:
-        self.running = True
+        self._runs = True
 
     def stop(self) -> None:
-        self.running = False
+        self._runs = False
 
-    def clear(self) -> None:
-        self.skipped = 0
+    @property
+    def running(self) -> bool:
+        return self._runs
 
 
 class _End(can.BusABC):  # type: ignore[misc]
@@ -147,19 +140,9 @@ class SteppedRobot:
 
     def __init__(self, can_config: CanConfig, simulation: SimulationConfig, eds: Path) -> None:
         self.clock = clock = SteppedClock()
-        self._patches = ExitStack()
-        # For as long as the robot lives, as threads of the driver read the clock whenever they like.
-        for name, function in (
-            ("monotonic", clock.monotonic),
-            ("time", clock.system),
-            ("time_ns", clock.system_ns),
-            ("sleep", clock.sleep),
-        ):
-            self._patches.enter_context(mock.patch.object(machine_clock, name, function))
-        self._patches.enter_context(mock.patch.object(drive_master, "CycleClock", _SteppedCycleClock))
         self.config = can_config
         self.plant = Plant(simulation)
-        self.machine = SharedPlant(self.plant, simulation.payload_changes, clock.monotonic, clock.system)
+        self.machine = SharedPlant(self.plant, simulation.payload_changes, clock)
         self.devices = tuple(
             DriveEmulator(
                 drive,
@@ -221,11 +204,18 @@ class SteppedRobot:
     def _make_driver(self) -> None:
         """Open the driver's ends of the buses, and make the two masters."""
         self._ends = [_End(self._sender(bus.name, DRIVER)) for bus in self.config.buses]
-        ports = [CanPort(bus.name, end) for bus, end in zip(self.config.buses, self._ends, strict=True)]
+        ports = [
+            CanPort(bus.name, end, clock=self.clock)
+            for bus, end in zip(self.config.buses, self._ends, strict=True)
+        ]
         self.ports = CanPorts(ports)
         self._port = {port.name: port for port in ports}
         self.drives = DriveMaster(
-            self.config, self.ports, lambda states: self.on_states(states), self.log.append
+            self.config,
+            self.ports,
+            lambda states: self.on_states(states),
+            self.log.append,
+            _SteppedCycleClock,
         )
         self.load_cells = LoadCellMaster(
             self.config,
@@ -262,10 +252,9 @@ class SteppedRobot:
         )
 
     def close(self) -> None:
-        """Let the threads of both masters end, and the machine have the computer's clock again."""
+        """Let the threads of both masters end."""
         self.faults.clear()
         self._end_threads()
-        self._patches.close()
 
     def at(self, time: float, action: Callable[[], None]) -> None:
         """Do something at a simulated time, s."""
@@ -346,7 +335,7 @@ class SteppedRobot:
 
     def _cycle(self) -> None:
         self.at(self.now + self.config.period, self._cycle)
-        clock: Any = self.drives._clock
+        clock = self.drives.cycle_clock
         if clock.running and self.driver_runs:
             clock.tick(self.now)
 

@@ -9,8 +9,8 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.numbers import run_summary
-from cspr_control.analysis.numbers.run_summary import MassTrace
+from cspr_control.analysis.numbers import mass
+from cspr_control.analysis.numbers.mass import MassTrace
 from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
 from cspr_control.estimation.pose import PoseEstimator
 from cspr_control.motors.feedforward import Feedforward, Setpoint
@@ -213,7 +213,5 @@ def motor_gains(parameters: ParameterFile) -> MotorGains:
 def settling_time(record: LoopRecord) -> float:
     """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
     stamps = (record.time * 1e9).round().astype(np.int64)
-    settled = run_summary.settling_time(
-        MassTrace(stamps, record.mass_estimate), MassTrace(stamps, record.mass_true)
-    )
+    settled = mass.settling_time(MassTrace(stamps, record.mass_estimate), MassTrace(stamps, record.mass_true))
     return np.inf if settled is None else settled

@@ -6,6 +6,7 @@ The document is written by hand except for the blocks between ``<!-- begin NAME 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -35,9 +36,9 @@ def fill(document: str, blocks: dict[str, str]) -> str:
         pattern = re.compile(
             rf"(<!-- begin {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.DOTALL
         )
-        if not pattern.search(document):
+        if not (found := pattern.search(document)):
             raise ValueError(f"the document has no block {name}")
-        document = pattern.sub(lambda match, text=text: f"{match[1]}{text}\n{match[2]}", document)
+        document = f"{document[: found.end(1)]}{text}\n{document[found.start(2) :]}"
     return document
 
 
@@ -290,6 +291,6 @@ def _verdict(agrees: bool | np.bool_, reason: str = "") -> str:
     return f"{verdict}: {reason}" if reason else verdict
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     lines = [head, ("---",) * len(head), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)

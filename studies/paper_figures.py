@@ -21,18 +21,17 @@ from cspr_control.reference.paper import paper_18
 from cspr_kinematics import Robot
 from studies.experiment import COMPARED, LOADS, TRAJECTORIES, Case
 from studies.paper_results import SHOWN_CABLE, SHOWN_MOTOR, LoopResults, TensionResults
-from studies.tension_deviation import ADDED_AT, SAMPLE_TIME, SWITCH_19
+from studies.tension_deviation import ADDED_AT, SWITCH_19
 
 
 def draw_tension_figures(results: TensionResults, robot: Robot, directory: Path) -> None:
     """Draw figures 7 to 10."""
-    trajectory = paper_18(robot.trajectory_center)
-    time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1) * SAMPLE_TIME
-    positions = np.array([trajectory.sample(t).pose.position for t in time.tolist()])
     first, third = results.first, results.third
+    trajectory = paper_18(robot.trajectory_center)
+    positions = np.array([trajectory.sample(t).pose.position for t in first.time.tolist()])
     cable = third.deviation[:, SHOWN_CABLE - 1]
     with house_style():
-        _save(trajectory_figure(time, positions, title="Trajectory (18)"), directory, 7)
+        _save(trajectory_figure(first.time, positions, title="Trajectory (18)"), directory, 7)
         title = "Tensions along (18) with 200 kg, dynamic model"
         _save(tension_figure(first.time, first.dynamic, first.static, title), directory, 8)
         _save(deviation_figure(results.accelerating), directory, 9)

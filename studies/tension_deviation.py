@@ -59,7 +59,7 @@ def along(
     robot: Robot, trajectory: Trajectory, payload_at: Callable[[float], float], name: str
 ) -> TensionStudy:
     """Return the tensions of both models; ``payload_at`` gives the payload's mass (kg) at a time (s)."""
-    time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1) * SAMPLE_TIME
+    time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1, dtype=np.float64) * SAMPLE_TIME
     payload = np.array([payload_at(t) for t in time])
     tensions, feasible = {}, True
     for model in (FeedforwardModel.DYNAMIC, FeedforwardModel.STATIC):

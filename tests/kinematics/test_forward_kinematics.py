@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspr_kinematics import (
@@ -18,7 +18,6 @@ from cspr_kinematics import (
 )
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     st.tuples(st.floats(-1.4, 1.4), st.floats(-0.7, 0.7), st.floats(0.3, 2.0)),
     st.tuples(*[st.floats(-0.4, 0.4)] * 3),

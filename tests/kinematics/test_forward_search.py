@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspr_kinematics import (
@@ -66,7 +66,6 @@ def test_iterations_that_the_documentation_states(
     assert solve_forward_kinematics(robot, lengths, robot.home).iterations <= 8
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.tuples(st.floats(-1.4, 1.4), st.floats(-0.7, 0.7), st.floats(0.3, 2.0)),
     st.tuples(*[st.floats(-0.5, 0.5)] * 3),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -15,7 +15,6 @@ triples = st.tuples(*[st.floats(-2.0, 2.0).map(lambda v: round(v, 3))] * 3).map(
 
 
 @given(triples, triples, triples, triples)
-@settings(deadline=None, max_examples=60)
 def test_distance_of_segments(a: np.ndarray, u: np.ndarray, b: np.ndarray, v: np.ndarray) -> None:
     found = segment_distance_kernel(a, u, b, v)
 
@@ -30,7 +29,6 @@ def test_distance_of_segments(a: np.ndarray, u: np.ndarray, b: np.ndarray, v: np
 
 
 @given(triples, triples, st.floats(0.0, 0.5))
-@settings(deadline=None, max_examples=60)
 def test_distance_to_a_box(start: np.ndarray, span: np.ndarray, first: float) -> None:
     half = np.array([0.5, 0.3, 0.8])
     found = segment_box_distance_kernel(start, span, first, half)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspr_kinematics import (
@@ -69,7 +69,6 @@ def test_jacobian_by_finite_differences_of_the_lengths(
 
 
 @pytest.mark.parametrize("name", ["robot", "robot_with_pulleys", "cogiro", "six_cables", "twelve_cables"])
-@settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_virtual_work(robots: Callable[[str], Robot], name: str, seed: int) -> None:
     """Work of the cables' wrench on a small displacement equals what their shortening yields."""

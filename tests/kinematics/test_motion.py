@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspr_kinematics import (
@@ -49,7 +49,6 @@ def assert_consistent(motion_at: object, time: float) -> None:
 COEFFICIENTS = st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12)
 
 
-@settings(max_examples=30, deadline=None)
 @given(COEFFICIENTS, st.floats(-1.0, 1.0))
 def test_euler_angles(coefficients: list[float], time: float) -> None:
     c = np.array(coefficients).reshape(4, 3)
@@ -63,7 +62,6 @@ def test_euler_angles(coefficients: list[float], time: float) -> None:
     assert_consistent(motion_at, time)
 
 
-@settings(max_examples=30, deadline=None)
 @given(COEFFICIENTS, st.floats(-1.0, 1.0))
 def test_quaternions_of_any_norm(coefficients: list[float], time: float) -> None:
     c = np.array(coefficients).reshape(3, 4)

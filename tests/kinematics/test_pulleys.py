@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -56,7 +56,6 @@ def hull_length(s: float, h: float, radius: float) -> float:
     return float(hull.area - closing - 50.0)  # the "area" of a plane hull is its perimeter
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.floats(0.0, 2.0 * np.pi), st.floats(0.3, 4.0), st.floats(-4.0, -0.2), st.floats(0.01, 0.12))
 def test_length_is_that_of_a_taut_string(turn: float, s: float, h: float, radius: float) -> None:
     point = np.array([s * np.cos(turn), s * np.sin(turn), h])
@@ -64,7 +63,6 @@ def test_length_is_that_of_a_taut_string(turn: float, s: float, h: float, radius
     assert length == pytest.approx(hull_length(s, h, radius), abs=2e-8)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.tuples(*[st.floats(-3.0, 3.0)] * 3),
     st.floats(0.01, 0.3),

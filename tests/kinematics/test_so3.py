@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
@@ -22,14 +22,12 @@ from cspr_kinematics.motion.so3 import (
 vectors = arrays(np.float64, 3, elements=st.floats(-10.0, 10.0))
 
 
-@settings(max_examples=40, deadline=None)
 @given(vectors, vectors)
 def test_cross_and_skew_are_the_cross_product(a: np.ndarray, b: np.ndarray) -> None:
     np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-12)
     np.testing.assert_allclose(rotate(skew(a), b), np.cross(a, b), atol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
 @given(vectors)
 def test_rotation_from_vector_is_the_exponential(vector: np.ndarray) -> None:
     np.testing.assert_allclose(
@@ -59,7 +57,6 @@ def by_quaternion(v: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rotation", [by_vector, by_euler, by_quaternion])
-@settings(max_examples=40, deadline=None)
 @given(vectors, vectors, vectors)
 def test_axioms_of_rotations(
     rotation: Callable[[np.ndarray], np.ndarray], v: np.ndarray, a: np.ndarray, b: np.ndarray
@@ -76,14 +73,12 @@ def test_axioms_of_rotations(
     Pose(np.zeros(3), Q @ R)  # which refuses what is no rotation
 
 
-@settings(max_examples=40, deadline=None)
 @given(vectors, st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_rotations_about_one_axis_add_up(v: np.ndarray, s: float, t: float) -> None:
     product = rotation_from_vector(s * v) @ rotation_from_vector(t * v)
     np.testing.assert_allclose(product, rotation_from_vector((s + t) * v), atol=1e-13)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.floats(-np.pi, np.pi),
     st.floats(-np.pi / 2, np.pi / 2) | st.sampled_from([np.pi / 2, -np.pi / 2]),

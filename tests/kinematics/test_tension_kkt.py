@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.optimize import linprog, lsq_linear
@@ -102,7 +102,6 @@ def stationarity_defect(problem: Problem, t: np.ndarray, gradient: np.ndarray) -
 
 
 @given(problems)
-@settings(deadline=None, max_examples=80)
 def test_closest_satisfies_the_conditions_of_optimality(problem: Problem) -> None:
     rng = np.random.default_rng(0)
     for reference in (0.0, rng.uniform(problem.low, problem.high)):
@@ -141,7 +140,6 @@ def check_least_error(problem: Problem, result: TensionResult, weights: np.ndarr
 
 
 @given(problems)
-@settings(deadline=None, max_examples=60)
 def test_feasibility_agrees_with_linear_programming(problem: Problem) -> None:
     result = problem.solve("closest")
     if result.feasible:
@@ -154,7 +152,6 @@ def test_feasibility_agrees_with_linear_programming(problem: Problem) -> None:
 
 
 @given(problems, st.integers(0, 1000))
-@settings(deadline=None, max_examples=30)
 def test_weights_choose_the_error(problem: Problem, seed: int) -> None:
     weights = 10.0 ** np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
     result = problem.solve("closest", weights=weights)
@@ -163,7 +160,6 @@ def test_weights_choose_the_error(problem: Problem, seed: int) -> None:
 
 
 @given(problems)
-@settings(deadline=None, max_examples=60)
 def test_analytic_center_satisfies_the_conditions_of_optimality(problem: Problem) -> None:
     result, closest = problem.solve("analytic_center"), problem.solve("closest")
     assert result.feasible == closest.feasible
@@ -176,7 +172,6 @@ def test_analytic_center_satisfies_the_conditions_of_optimality(problem: Problem
 
 
 @given(eight_cables)
-@settings(deadline=None, max_examples=60)
 def test_centroid_is_that_of_the_polygon(problem: Problem) -> None:
     result = problem.solve("centroid")
     if not result.feasible:
@@ -213,7 +208,6 @@ def test_centroid_of_seven_cables_is_the_middle_of_a_line() -> None:
 
 
 @given(eight_cables, st.integers(0, 1000))
-@settings(deadline=None, max_examples=60)
 def test_polygon_and_active_set_agree(problem: Problem, seed: int) -> None:
     """The two solvers share nothing but the problem."""
     reference = np.random.default_rng(seed).uniform(-1000.0, 4000.0, 8)
@@ -233,7 +227,6 @@ def test_polygon_and_active_set_agree(problem: Problem, seed: int) -> None:
 
 
 @given(st.builds(make_problem, st.integers(7, 16), st.just("twins"), st.integers(0, 2**32 - 1)))
-@settings(deadline=None, max_examples=40)
 def test_degenerate_cables(problem: Problem) -> None:
     """Parallel limits, and a choice left where the wrench is out of reach."""
     if np.linalg.matrix_rank(problem.A) < 6:

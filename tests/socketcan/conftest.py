@@ -129,10 +129,12 @@ class Candump:
 # Real drives have no slow motion, so the executable has no parameter for it.
 SLOW_DRIVERS = f"""
 import sys
-from cspr_drivers import clock
-clock.set_speed({SPEED})
-from cspr_drivers.nodes.drivers import main
-sys.exit(main())
+from cspr_drivers.clock import SlowClock
+from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
+from cspr_drivers.nodes.drivers import create_nodes
+from cspr_msgs_py.runtime.process import run_nodes
+sys.setswitchinterval(SWITCH_INTERVAL)
+sys.exit(run_nodes(lambda: create_nodes(SlowClock({SPEED}))))
 """
 
 

@@ -61,7 +61,7 @@ def test_saturation_and_unanswered_states(run: RunAnalysis) -> None:
 def test_margins_name_cable_and_time(run: RunAnalysis) -> None:
     robot, tensions = run.recording.robot, run.recording.tensions
     assert tensions is not None
-    judged = run.recording.judged(tensions.time_ns)
+    judged = run.recording.in_window(tensions.time_ns)
     lowest = run.metrics.margins["tension_min_n"]
     assert lowest.margin == pytest.approx(tensions.effort[judged].min() - robot.tension_min)
     row = np.argmin(np.abs(run.recording.seconds(tensions.time_ns) - lowest.time))
@@ -84,7 +84,7 @@ def test_motors_and_cables_do_the_work_that_the_platform_takes(record: Callable[
     recording, robot = run.recording, run.recording.robot
     energy = run.metrics.energy
     drift = run.recording.states.effort * np.radians(10.0)  # of the speed error that is in the recording
-    judged = recording.judged(recording.states.time_ns)
+    judged = recording.in_window(recording.states.time_ns)
     wrong = -drift[judged].sum() * 0.004
     net = float(energy.supplied.sum() - energy.returned.sum()) - wrong
     pose, twist, _ = Motion(robot, 1.0).at(

@@ -12,6 +12,7 @@ import pytest
 
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
+from cspr_drivers.clock import Clock
 from cspr_drivers.config.can_config import DriveConfig, LoadCellConfig
 from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
@@ -91,17 +92,18 @@ class NotedPlant:
         return self.cable_tensions.copy()
 
 
-class Clock:
-    """Both clocks of the computer, standing still until told."""
+class StillClock(Clock):
+    """A clock that stands still until told."""
 
     def __init__(self) -> None:
         self.time = 100.0
+        self.time_of_day = 1.7e9  # s since 1970, less the monotonic time
 
-    def steady(self) -> float:
+    def monotonic(self) -> float:
         return self.time
 
     def system(self) -> float:
-        return self.time + 1.7e9
+        return self.time + self.time_of_day
 
 
 class Wire:
@@ -118,9 +120,9 @@ class Desk:
     """One device, and the frames of a master to it."""
 
     def __init__(self, changes: tuple[PayloadChange, ...] = ()) -> None:
-        self.clock = Clock()
+        self.clock = StillClock()
         self.plant = NotedPlant()
-        self.machine = SharedPlant(self.plant, changes, self.clock.steady, self.clock.system)
+        self.machine = SharedPlant(self.plant, changes, self.clock)
         self.wire = Wire()
         self.network = canopen.Network(self.wire)
         self.node: EmulatedNode
@@ -278,8 +280,8 @@ def noted_plant() -> type[NotedPlant]:
 
 
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
+def clock() -> StillClock:
+    return StillClock()
 
 
 @pytest.fixture

@@ -38,6 +38,15 @@ T = TypeVar("T")
 CONFIGURATION_DIRECTORY = Path("config")
 
 
+@dataclass(frozen=True)
+class Window:
+    """The stretch of time that a number is about: its name, and from when to when, s since time zero."""
+
+    name: str
+    start: float
+    end: float
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What a bag holds of one run; a topic that it does not have, or no message of, is None.
@@ -99,8 +108,17 @@ class Recording:
         """Return ROS times in ns as seconds since time zero."""
         return np.asarray((time_ns - self.origin_ns) * 1e-9)
 
-    def judged(self, time_ns: Times) -> NDArray[np.bool_]:
-        """Return which times count for the numbers: those on a trajectory; all of them if there was none."""
+    @cached_property
+    def window(self) -> Window:
+        """What the numbers of the run are about: its trajectories; all of the recording if there was none."""
+        first, last = int(self.states.time_ns[0]), int(self.states.time_ns[-1])
+        if self.trajectories:
+            first, last = self.trajectories[0].start_ns, self.trajectories[-1].end_ns
+        start, end = self.seconds(np.array([first, last])).tolist()
+        return Window("trajectory" if self.trajectories else "recording", start, end)
+
+    def in_window(self, time_ns: Times) -> NDArray[np.bool_]:
+        """Return which times are on a trajectory, and so count for the numbers; all of them if there was none."""
         if not self.trajectories:
             return np.ones(time_ns.shape, dtype=bool)
         inside = np.zeros(time_ns.shape, dtype=bool)

@@ -73,7 +73,7 @@ def write_report(runs: Sequence[RunAnalysis], path: Path) -> None:
 
 def _description(runs: Sequence[RunAnalysis], packer: Packer) -> dict[str, Any]:
     robot = runs[0].recording.robot
-    judged = [_judged_span(run) for run in runs]
+    windows = [run.recording.window for run in runs]
     whole = [run.recording.seconds(run.recording.states.time_ns[[0, -1]]) for run in runs]
     tensions = [run.recording.tensions.effort for run in runs if run.recording.tensions is not None]
     # a peak of a moment may leave the scale: the colours are for what lasts
@@ -88,7 +88,7 @@ def _description(runs: Sequence[RunAnalysis], packer: Packer) -> dict[str, Any]:
         "colours": COLOURS,
         "tension_colours": TENSION_COLOURS,
         "tension_scale": _round_up(scale),
-        "judged": [min(span[0] for span in judged), max(span[1] for span in judged)],
+        "window": [min(one.start for one in windows), max(one.end for one in windows)],
         "whole": [float(min(span[0] for span in whole)), float(max(span[1] for span in whole))],
         "robot": {
             "exit_points": robot.exit_points.tolist(),
@@ -186,15 +186,6 @@ def _continuous(quaternions: Floats) -> Floats:
     return np.asarray(quaternions * signs[:, None])
 
 
-def _judged_span(run: RunAnalysis) -> tuple[float, float]:
-    recording = run.recording
-    if recording.trajectories:
-        first, last = recording.trajectories[0].start_ns, recording.trajectories[-1].end_ns
-        return (first - recording.origin_ns) * 1e-9, (last - recording.origin_ns) * 1e-9
-    start, end = recording.seconds(recording.states.time_ns[[0, -1]])
-    return float(start), float(end)
-
-
 def _payload_events(run: RunAnalysis) -> list[Event]:
     mass = run.metrics.mass
     return [
@@ -210,7 +201,7 @@ def _payload_events(run: RunAnalysis) -> list[Event]:
 def _deviation(run: RunAnalysis) -> dict[str, Any] | None:
     if run.predicted is None:
         return None
-    counted = run.recording.judged(run.predicted.time_ns)
+    counted = run.recording.in_window(run.predicted.time_ns)
     return _statistics(ErrorStatistics.of((run.predicted.dynamic - run.predicted.static)[counted]))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from cspr_control.analysis.figures.all_figures import save_figures
 from cspr_control.analysis.report import write_report
 from cspr_control.analysis.run_analysis import RunAnalysis
+from cspr_msgs_py.json_file import write_json
 
 METRICS = "metrics.json"
 REPORT = "report.html"
@@ -60,7 +60,7 @@ def write_results(
     content = {
         "runs": [{"name": run.name, **run.metrics.as_mapping(), "remarks": list(run.remarks)} for run in runs]
     }
-    metrics.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(metrics, content)
     report = directory / REPORT
     if progress is not None:
         progress(REPORT)

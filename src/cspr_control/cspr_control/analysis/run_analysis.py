@@ -66,7 +66,7 @@ class RunAnalysis:
         payload = recording.truth if recording.truth is not None else recording.estimate
         if payload is None:
             return ()
-        counted = recording.judged(payload.log_time_ns)
+        counted = recording.in_window(payload.log_time_ns)
         time, mass = recording.seconds(payload.log_time_ns[counted]), payload.mass[counted]
         if mass.size == 0:
             return ()
@@ -85,7 +85,7 @@ class RunAnalysis:
         loads = self.loads()
         if self.errors is None or not loads:
             return {}
-        counted = self.errors.part(self.recording.judged(self.errors.time_ns))
+        counted = self.errors.part(self.recording.in_window(self.errors.time_ns))
         time = self.recording.seconds(counted.time_ns)
         ends = [*(since for since, _ in loads[1:]), np.inf]
         parts: dict[float, list[NDArray[np.bool_]]] = {}
@@ -116,7 +116,7 @@ def analyse_recording(recording: Recording, name: str | None = None) -> RunAnaly
         except KinematicsError as problem:
             remarks.append(f"{recording.path}: no tensions of the model: {problem}")
     if not recording.trajectories:
-        remarks.append(f"{recording.path} has no trajectory: all of the recording is judged")
+        remarks.append(f"{recording.path} has no trajectory: the numbers are about all of the recording")
     metrics = run_metrics(recording, errors, predicted)
     return RunAnalysis(name or recording.controller, recording, errors, predicted, metrics, tuple(remarks))
 

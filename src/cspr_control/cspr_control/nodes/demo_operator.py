@@ -247,10 +247,9 @@ class Operator:
         answer = future.result()
         return None if answer.success else str(answer.message)
 
-    def stop(self) -> dict[str, str]:
-        """Stop the robot, brakes closed; returns the driver's counters of the run."""
+    def stop(self) -> None:
+        """Stop the robot, brakes closed."""
         client = self._client
-        values = dict(client.cycle_values)
         self.call("/supervisor/stop", 10.0)
         self.wait(
             "stopping", lambda: client.robot_state == RobotState.DISABLED, 10.0, lambda: client.robot_message
@@ -261,7 +260,6 @@ class Operator:
             5.0,
             lambda: f"drives are {client.drives}",
         )
-        return values
 
     def make_safe(self) -> None:
         """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""

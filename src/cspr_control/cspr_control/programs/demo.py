@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import signal
@@ -13,8 +12,8 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
-from cspr_control.analysis.numbers.recorded_run import summarise_run
 from cspr_control.analysis.numbers.run_summary import RunSummary, format_comparison, format_summary
 from cspr_control.analysis.numbers.tables import format_runs
 from cspr_control.analysis.recording import read_recording
@@ -31,6 +30,7 @@ from cspr_control.demo.scenario import (
 )
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
 COMPARED = [*((controller, False) for controller in Controller), (Controller.PDFF, True)]
@@ -317,24 +317,18 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                 client.phase_text,
             )
             run.pause("settling", 1.5)
-            driver = run.stop()
+            run.stop()
         except (KeyboardInterrupt, ControlError):
             run.make_safe()
             raise
         finally:
             progress.end()
     recorded = read_recording(directory / "bag", configuration_directory=config)
-    summary = summarise_run(
-        recorded,
-        controller=scenario.controller,
-        exact_mass=scenario.exact_mass,
-        trajectory=scenario.trajectory,
-        driver=driver,
-    )
-    with open(directory / "summary.json", "w", encoding="utf-8") as file:
-        json.dump(summary.as_mapping(), file, indent=2)
-        file.write("\n")
-    return summary, analyse_recording(replace(recorded, outcome=summary.as_mapping()), summary.name)
+    chosen: dict[str, Any] = {"controller": scenario.controller, "exact_mass": scenario.exact_mass}
+    analysis = analyse_recording(replace(recorded, outcome=chosen), scenario.title)
+    summary = RunSummary.of(analysis.metrics, **chosen)
+    write_json(directory / "summary.json", summary.as_mapping())
+    return summary, analysis
 
 
 def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.numbers.run_summary import MassTrace, settling_time
+from cspr_control.analysis.numbers.mass import MassTrace, settling_time
 from cspr_control.rerun.rerun import EstimatedPayloads, Setpoints
 from cspr_msgs_py.bag.reader import Inertias, JointStates
 

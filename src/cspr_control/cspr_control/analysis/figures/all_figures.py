@@ -70,13 +70,13 @@ def _trajectory(run: RunAnalysis) -> Figure | None:
     references = run.recording.references
     if references is None:
         return None
-    time, position = _judged(run, references.time_ns, references.position)
+    time, position = _in_window(run, references.time_ns, references.position)
     if time.size < 2:
         return None
     pose = Pose.from_quaternion(references.position, references.quaternion_xyzw)
-    _, tilt = _judged(run, references.time_ns, np.degrees(pose.euler))
+    _, tilt = _in_window(run, references.time_ns, np.degrees(pose.euler))
     poses = run.recording.poses
-    measured = None if poses is None else _judged(run, poses.time_ns, poses.position)
+    measured = None if poses is None else _in_window(run, poses.time_ns, poses.position)
     return paper_figures.trajectory_figure(time, position, tilt, measured, run.metrics.trajectory)
 
 
@@ -84,7 +84,7 @@ def _model_tensions(run: RunAnalysis) -> Figure | None:
     if run.predicted is None:
         return None
     both = np.concatenate((run.predicted.dynamic, run.predicted.static), axis=1)
-    time, values = _judged(run, run.predicted.time_ns, both)
+    time, values = _in_window(run, run.predicted.time_ns, both)
     if time.size < 2:
         return None
     dynamic, static = np.split(values, 2, axis=1)
@@ -103,7 +103,7 @@ def payload_change(run: RunAnalysis) -> tuple[MassChange, NDArray[np.int64], Flo
         return None
     change = run.metrics.mass.changes[0]
     deviation = (run.predicted.dynamic - run.predicted.static)[:, [CABLE_OF_FIGURE_10 - 1]]
-    counted = run.recording.judged(run.predicted.time_ns)
+    counted = run.recording.in_window(run.predicted.time_ns)
     accelerated = np.flatnonzero(counted & (np.abs(deviation[:, 0]) > _NO_DEVIATION))
     if accelerated.size == 0:
         return None
@@ -129,7 +129,7 @@ def _measured_tensions(run: RunAnalysis) -> Figure | None:
     if tensions is None or run.predicted is None:
         return None
     both = np.concatenate((tensions.effort, run.predicted.dynamic_at(tensions.time_ns)), axis=1)
-    time, values = _judged(run, tensions.time_ns, both)
+    time, values = _in_window(run, tensions.time_ns, both)
     if time.size < 2:
         return None
     measured, predicted = np.split(values, 2, axis=1)
@@ -138,7 +138,7 @@ def _measured_tensions(run: RunAnalysis) -> Figure | None:
 
 def _cable_lengths(run: RunAnalysis) -> Figure | None:
     states = run.recording.states
-    time, angles = _judged(run, states.time_ns, states.position)
+    time, angles = _in_window(run, states.time_ns, states.position)
     if time.size < 2:
         return None
     return run_figures.cable_lengths_figure(time, run.recording.robot.winch.cable_lengths(angles))
@@ -148,7 +148,7 @@ def _motor_errors(run: RunAnalysis) -> Figure | None:
     if run.errors is None:
         return None
     both = np.degrees(np.concatenate((run.errors.position, run.errors.velocity), axis=1))
-    time, values = _judged(run, run.errors.time_ns, both)
+    time, values = _in_window(run, run.errors.time_ns, both)
     if time.size < 2:
         return None
     position, velocity = np.split(values, 2, axis=1)
@@ -159,7 +159,7 @@ def _model_deviation(runs: Sequence[RunAnalysis]) -> Figure | None:
     statistics = {}
     for run in runs:
         if run.predicted is not None:
-            counted = run.recording.judged(run.predicted.time_ns)
+            counted = run.recording.in_window(run.predicted.time_ns)
             if counted.any():
                 deviation = (run.predicted.dynamic - run.predicted.static)[counted]
                 statistics[run.name] = ErrorStatistics.of(deviation)
@@ -178,7 +178,7 @@ def _error_over_time(runs: Sequence[RunAnalysis]) -> Figure | None:
     for run in runs:
         if run.errors is not None and run.errors.position.shape[1] >= MOTOR_OF_FIGURE_12:
             error = np.degrees(run.errors.position[:, [MOTOR_OF_FIGURE_12 - 1]])
-            time, values = _judged(run, run.errors.time_ns, error)
+            time, values = _in_window(run, run.errors.time_ns, error)
             if time.size:
                 panel = run.load_text()
                 panels.setdefault(panel, {})[run.name] = (time, values[:, 0])
@@ -192,7 +192,7 @@ def _mass(runs: Sequence[RunAnalysis]) -> Figure | None:
     for run in runs:
         for payload, into in ((run.recording.estimate, estimates), (run.recording.truth, truths)):
             if payload is not None:
-                time, mass = _judged(run, payload.log_time_ns, payload.mass[:, None])
+                time, mass = _in_window(run, payload.log_time_ns, payload.mass[:, None])
                 if time.size:
                     into[run.name] = (time, mass[:, 0])
     return run_figures.mass_figure(estimates, truths) if estimates else None
@@ -213,9 +213,9 @@ def nominal_period(run: RunAnalysis) -> float:
         return float(np.median(np.diff(run.recording.states.time_ns))) * 1e-9
 
 
-def _judged(run: RunAnalysis, time_ns: NDArray[np.int64], values: Floats) -> tuple[Floats, Floats]:
+def _in_window(run: RunAnalysis, time_ns: NDArray[np.int64], values: Floats) -> tuple[Floats, Floats]:
     """Return times in s and values on the trajectories, no more than a picture can show."""
-    counted = run.recording.judged(time_ns)
+    counted = run.recording.in_window(time_ns)
     return envelope(run.recording.seconds(time_ns[counted]), values[counted], _POINTS)
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.recording import Recording
-from cspr_control.analysis.timeline import Status
+from cspr_control.analysis.recording import Recording, Window
 
 Floats = NDArray[np.float64]
 
@@ -30,11 +30,14 @@ class CycleMetrics:
         Time from one motor state to the next, ms.
     unanswered
         States that not all motors answered in the recording; None if commands were not recorded.
+    counted
+        When the driver counted cycles: from its last report before the trajectories to its first one after them, as
+        it reports once a second. Starts with NaN if it began to count anew in between. None if not recorded.
     cycles, missed
-        As the driver counted them, to the last second; a cycle is missed when not all fresh commands were on the
-        bus in it. None if its diagnostics were not recorded.
+        As the driver counted them; a cycle is missed when not all fresh commands were on the bus in it. None if its
+        reports were not recorded.
     latency_p50_us, latency_p99_us, latency_max_us
-        From state to command as the driver measured it, us; NaN if not recorded.
+        From state to command as the driver measured it since the drives were enabled, us; NaN if not recorded.
     """
 
     rate: float
@@ -42,67 +45,69 @@ class CycleMetrics:
     p99_ms: float
     longest_ms: float
     unanswered: int | None
+    counted: Window | None
     cycles: int | None
     missed: int | None
     latency_p50_us: float
     latency_p99_us: float
     latency_max_us: float
 
+    @classmethod
+    def of(cls, periods: Floats, unanswered: int | None, *counted: Any) -> CycleMetrics:
+        """Return the metrics of periods (n,), s; the rest as the attributes of the same names."""
+        if periods.size == 0:
+            return cls(math.nan, math.nan, math.nan, math.nan, unanswered, *counted)
+        median, p99, longest = (1e3 * float(x) for x in np.quantile(periods, (0.5, 0.99, 1.0)))
+        return cls(1.0 / float(periods.mean()), median, p99, longest, unanswered, *counted)
+
 
 def cycle_periods(recording: Recording) -> Floats:
     """Return the times between motor states that follow one another on the trajectories, s."""
     times = recording.states.time_ns
-    judged = recording.judged(times)
-    return np.asarray(np.diff(times)[judged[1:] & judged[:-1]] * 1e-9)
+    inside = recording.in_window(times)
+    return np.asarray(np.diff(times)[inside[1:] & inside[:-1]] * 1e-9)
 
 
 def cycle_metrics(recording: Recording) -> CycleMetrics:
-    """Judge the cycle while the robot was on its trajectories."""
-    periods = cycle_periods(recording)
-    if periods.size == 0:
-        rate = median = p99 = longest = math.nan
-    else:
-        rate = 1.0 / float(periods.mean())
-        median, p99, longest = (1e3 * float(x) for x in np.quantile(periods, (0.5, 0.99, 1.0)))
+    """Evaluate the cycle while the robot was on its trajectories."""
     unanswered = None
     if recording.command_torque is not None:
-        judged = recording.judged(recording.states.time_ns)
-        unanswered = int(np.isnan(recording.command_torque[judged]).any(axis=1).sum())
-    counted = _driver_counts(recording)
-    return CycleMetrics(rate, median, p99, longest, unanswered, *counted)
+        inside = recording.in_window(recording.states.time_ns)
+        unanswered = int(np.isnan(recording.command_torque[inside]).any(axis=1).sum())
+    return CycleMetrics.of(cycle_periods(recording), unanswered, *_driver_counts(recording))
 
 
-def _driver_counts(recording: Recording) -> tuple[int | None, int | None, float, float, float]:
+def _driver_counts(
+    recording: Recording,
+) -> tuple[Window | None, int | None, int | None, float, float, float]:
     entries = recording.timeline.diagnostics.get(_DRIVER, ())
     start = recording.trajectories[0].start_ns if recording.trajectories else 0
     end = recording.trajectories[-1].end_ns if recording.trajectories else int(recording.states.time_ns[-1])
-    before = _values([entry for entry in entries if entry[0] <= start])
-    # the diagnostics come once a second: the first ones behind the end still count all of it
-    behind = [entry for entry in entries if entry[0] >= end][:1]
-    after = _values(behind or [entry for entry in entries if entry[0] >= start])
+    before = next((entry for entry in reversed(entries) if entry[0] <= start), None)
+    # reports come once a second: the first one behind the end still counts all of it
+    after = next((entry for entry in entries if entry[0] >= end), entries[-1] if entries else None)
+    if after is None or after[0] < start or (counts := _cycles(after[1].values)) is None:
+        return None, None, None, math.nan, math.nan, math.nan
+    counts_before = None if before is None else _cycles(before[1].values)
+    since = math.nan
+    if before is None or counts_before is None or counts_before[0] > counts[0]:
+        counts_before = 0, 0  # the counters began anew when the drives were enabled
+    else:
+        since = (before[0] - recording.origin_ns) * 1e-9
+    window = Window("between reports of the driver", since, (after[0] - recording.origin_ns) * 1e-9)
+    p50, p99, largest = (
+        float(after[1].values.get(f"command_latency_{name}_us", "nan")) for name in ("p50", "p99", "max")
+    )
+    return window, counts[0] - counts_before[0], counts[1] - counts_before[1], p50, p99, largest
+
+
+def _cycles(values: Mapping[str, str]) -> tuple[int, int] | None:
+    """Return cycles and missed ones; a SYNC that was left out is a cycle that was missed as well."""
     try:
-        cycles, missed = _cycles(after)
+        skipped = int(values.get("skipped_sync", "0"))
+        return int(values["cycles"]) + skipped, int(values["missed_cycles"]) + skipped
     except (KeyError, ValueError):
-        return None, None, math.nan, math.nan, math.nan
-    try:
-        cycles_before, missed_before = _cycles(before)
-    except (KeyError, ValueError):
-        cycles_before = missed_before = 0
-    if cycles_before > cycles:  # the counters began anew when the drives were enabled
-        cycles_before = missed_before = 0
-    latency = [float(after.get(f"command_latency_{name}_us", "nan")) for name in ("p50", "p99", "max")]
-    return cycles - cycles_before, missed - missed_before, latency[0], latency[1], latency[2]
-
-
-def _values(entries: Sequence[tuple[int, Status]]) -> Mapping[str, str]:
-    return entries[-1][1].values if entries else {}
-
-
-def _cycles(values: Mapping[str, str]) -> tuple[int, int]:
-    skipped = int(
-        values.get("skipped_sync", "0")
-    )  # a SYNC that was left out is a cycle that was missed as well
-    return int(values["cycles"]) + skipped, int(values["missed_cycles"]) + skipped
+        return None
 
 
 def cycle_bins(longest: float, most: int) -> Floats:

@@ -8,11 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.numbers.run_summary import MassTrace, settling_time
 from cspr_control.analysis.recording import Recording
 from cspr_msgs_py.bag.reader import Inertias
 
+MASS_TOLERANCE = 0.02  # of the true mass: the band in which the estimate must stay to count as settled
 _LEAST_CHANGE = 1e-3  # kg, from which on the true mass counts as changed
+
+
+@dataclass(frozen=True)
+class MassTrace:
+    """A mass over time: stamps in ns (n,), kg (n,)."""
+
+    stamp_ns: NDArray[np.int64]
+    mass: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,23 +71,36 @@ class MassMetrics:
     settling: float | None
 
 
+def recorded_mass(recording: Recording) -> MassMetrics | None:
+    """Evaluate the estimated mass of a recording; None if it has none on its trajectories."""
+    if recording.estimate is None:
+        return None
+    estimate = mass_trace(recording, recording.estimate)
+    truth = None if recording.truth is None else mass_trace(recording, recording.truth)
+    return mass_metrics(estimate, truth, recording.origin_ns)
+
+
 def mass_trace(recording: Recording, payload: Inertias) -> MassTrace:
     """Return a payload's mass on the trajectories, by the time at which each message was there.
 
     The estimate keeps the stamp of its newest measurement while it is held: what counts is when it was there.
     """
-    counted = recording.judged(payload.log_time_ns)
+    counted = recording.in_window(payload.log_time_ns)
     return MassTrace(payload.log_time_ns[counted], payload.mass[counted])
 
 
-def mass_metrics(recording: Recording) -> MassMetrics | None:
-    """Judge the estimated mass; None if the recording has none on its trajectories."""
-    if recording.estimate is None:
-        return None
-    estimate = mass_trace(recording, recording.estimate)
+def mass_metrics(estimate: MassTrace, truth: MassTrace | None, origin_ns: int) -> MassMetrics | None:
+    """Compare an estimate with the truth; None without an estimate.
+
+    Parameters
+    ----------
+    estimate, truth
+        In the order of time.
+    origin_ns
+        Time zero of the results, ns.
+    """
     if estimate.mass.size == 0:
         return None
-    truth = None if recording.truth is None else mass_trace(recording, recording.truth)
     if truth is None or truth.mass.size == 0:
         late = estimate.mass[estimate.mass.size // 2 :]
         return MassMetrics(
@@ -87,7 +108,7 @@ def mass_metrics(recording: Recording) -> MassMetrics | None:
         )
     known = np.maximum(np.searchsorted(truth.stamp_ns, estimate.stamp_ns, side="right") - 1, 0)
     error = estimate.mass - truth.mass[known]
-    changes = _changes(recording, estimate, truth)
+    changes = _changes(estimate, truth, origin_ns)
     settling = changes[-1].settling if changes else settling_time(estimate, truth)
     start = _last_change_ns(truth) or int(estimate.stamp_ns[0])
     steady = _steady(estimate.stamp_ns, start, settling)
@@ -102,8 +123,27 @@ def mass_metrics(recording: Recording) -> MassMetrics | None:
     )
 
 
+def settling_time(estimate: MassTrace, truth: MassTrace, tolerance: float = MASS_TOLERANCE) -> float | None:
+    """Time from the last change of the true mass until the estimate is within a tolerance of it for good, s.
+
+    None when it never is, and when the estimate's record ends before the change. With no change in the record, the
+    time runs from the beginning of the estimate's record.
+    """
+    start = _last_change_ns(truth) or int(estimate.stamp_ns[0])
+    after = estimate.stamp_ns >= start
+    if not after.any():
+        return None
+    final = float(truth.mass[-1])
+    outside = np.abs(estimate.mass[after] - final) > tolerance * max(final, 1.0)
+    if outside[-1]:
+        return None
+    stamps = estimate.stamp_ns[after]
+    settled = stamps[np.flatnonzero(outside)[-1] + 1] if outside.any() else stamps[0]
+    return float((settled - start) * 1e-9)
+
+
 def _steady(stamps: NDArray[np.int64], start: int, settling: float | None) -> NDArray[np.bool_]:
-    """Return which samples are judged for bias and noise; at least one."""
+    """Return which samples count for bias and noise; at least one."""
     begin = start + round(settling * 1e9) if settling is not None else (start + int(stamps[-1])) // 2
     return stamps >= min(begin, int(stamps[-1]))
 
@@ -118,7 +158,7 @@ def _last_change_ns(truth: MassTrace) -> int | None:
     return int(truth.stamp_ns[places[-1]]) if places.size else None
 
 
-def _changes(recording: Recording, estimate: MassTrace, truth: MassTrace) -> tuple[MassChange, ...]:
+def _changes(estimate: MassTrace, truth: MassTrace, origin_ns: int) -> tuple[MassChange, ...]:
     places = change_indices(truth.mass)
     if places.size == 0:
         return ()
@@ -133,7 +173,7 @@ def _changes(recording: Recording, estimate: MassTrace, truth: MassTrace) -> tup
         )
         changes.append(
             MassChange(
-                float(recording.seconds(truth.stamp_ns[place : place + 1])[0]),
+                float((truth.stamp_ns[place] - origin_ns) * 1e-9),
                 float(truth.mass[place - 1]),
                 float(truth.mass[place]),
                 settling,

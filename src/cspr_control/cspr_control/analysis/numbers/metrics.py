@@ -1,10 +1,9 @@
-"""What a recorded run was worth, in numbers."""
+"""The numbers of a recorded run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,11 @@ from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.cycles import CycleMetrics, cycle_metrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
-from cspr_control.analysis.numbers.mass import MassMetrics, mass_metrics
+from cspr_control.analysis.numbers.mass import MassMetrics, recorded_mass
 from cspr_control.analysis.numbers.motor_errors import MotorErrors
 from cspr_control.analysis.numbers.predicted_tensions import PredictedTensions
-from cspr_control.analysis.recording import Recording
+from cspr_control.analysis.recording import Recording, Window
+from cspr_msgs_py.json_file import plain
 
 Floats = NDArray[np.float64]
 
@@ -75,8 +75,10 @@ class RunMetrics:
     ----------
     controller, trajectory, bag, robot
         What was run, and where it is recorded.
+    window
+        What all numbers are about but those that the driver counts (`CycleMetrics.counted`).
     duration
-        Of what the numbers are about, s: the trajectories, or the whole recording if there was none.
+        Time on the trajectories, or of the whole recording if there was none, s.
     position_error
         Of each motor, degrees.
     velocity_error
@@ -91,6 +93,7 @@ class RunMetrics:
     trajectory: str
     bag: str
     robot: str
+    window: Window
     duration: float
     position_error: ErrorStatistics | None
     velocity_error: ErrorStatistics | None
@@ -112,20 +115,7 @@ class RunMetrics:
             "tension_bias": "tension_bias_n",
             "energy": "energy_j",
         }
-        return {units.get(item.name, item.name): _plain(getattr(self, item.name)) for item in fields(self)}
-
-
-def _plain(value: Any) -> Any:
-    """Return something that JSON can hold: NaN becomes null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return [_plain(item) for item in value.tolist()]
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return {units.get(item.name, item.name): plain(getattr(self, item.name)) for item in fields(self)}
 
 
 def run_metrics(
@@ -141,11 +131,11 @@ def run_metrics(
         Its motor errors and predicted tensions, as far as there are any.
     """
     states = recording.states
-    judged = recording.judged(states.time_ns)
-    times = states.time_ns[judged]
+    inside = recording.in_window(states.time_ns)
+    times = states.time_ns[inside]
     position = velocity = None
     if errors is not None:
-        counted = errors.part(recording.judged(errors.time_ns))
+        counted = errors.part(recording.in_window(errors.time_ns))
         position = ErrorStatistics.of(np.degrees(counted.position))
         velocity = ErrorStatistics.of(np.degrees(counted.velocity))
     deviation = tension_deviation(recording, predicted)
@@ -154,17 +144,18 @@ def run_metrics(
         recording.trajectory,
         str(recording.path),
         recording.robot.name,
+        recording.window,
         sum(run.end_ns - run.start_ns for run in recording.trajectories) * 1e-9
         or float(np.ptp(times)) * 1e-9,
         position,
         velocity,
         None if deviation is None else ErrorStatistics.of(deviation),
         None if deviation is None else deviation.mean(axis=0),
-        mass_metrics(recording),
-        _saturation(recording, judged),
-        _margins(recording, judged),
+        recorded_mass(recording),
+        _saturation(recording, inside),
+        _margins(recording, inside),
         cycle_metrics(recording),
-        _energy(recording, judged),
+        _energy(recording, inside),
     )
 
 
@@ -173,26 +164,26 @@ def tension_deviation(recording: Recording, predicted: PredictedTensions | None)
     tensions = recording.tensions
     if tensions is None or predicted is None:
         return None
-    counted = recording.judged(tensions.time_ns)
+    counted = recording.in_window(tensions.time_ns)
     counted &= (tensions.time_ns >= predicted.time_ns[0]) & (tensions.time_ns <= predicted.time_ns[-1])
     if not counted.any():
         return None
     return np.asarray(tensions.effort[counted] - predicted.dynamic_at(tensions.time_ns[counted]))
 
 
-def _saturation(recording: Recording, judged: NDArray[np.bool_]) -> Saturation | None:
+def _saturation(recording: Recording, inside: NDArray[np.bool_]) -> Saturation | None:
     if recording.command_torque is None:
         return None
-    torque = np.abs(recording.command_torque[judged])
+    torque = np.abs(recording.command_torque[inside])
     answered = np.maximum(np.isfinite(torque).sum(axis=0), 1)
     count = (torque >= recording.robot.motor.torque_limit * (1.0 - 1e-9)).sum(axis=0)
     return Saturation(count, count / answered)
 
 
-def _margins(recording: Recording, judged: NDArray[np.bool_]) -> dict[str, Margin]:
+def _margins(recording: Recording, inside: NDArray[np.bool_]) -> dict[str, Margin]:
     robot, states = recording.robot, recording.states
     motor = robot.motor
-    time = recording.seconds(states.time_ns[judged])
+    time = recording.seconds(states.time_ns[inside])
     margins: dict[str, Margin] = {}
 
     def add(name: str, distance: Floats, limit: float, time: Floats) -> None:
@@ -202,17 +193,17 @@ def _margins(recording: Recording, judged: NDArray[np.bool_]) -> dict[str, Margi
 
     if recording.tensions is not None:
         tensions = recording.tensions
-        counted = recording.judged(tensions.time_ns)
+        counted = recording.in_window(tensions.time_ns)
         measured, at = tensions.effort[counted], recording.seconds(tensions.time_ns[counted])
         add("tension_min_n", measured - robot.tension_min, robot.tension_min, at)
         add("tension_max_n", robot.tension_max - measured, robot.tension_max, at)
     if recording.command_torque is not None:
-        torque = np.abs(recording.command_torque[judged])
+        torque = np.abs(recording.command_torque[inside])
         add("torque_nm", motor.torque_limit - torque, motor.torque_limit, time)
-    add("speed_rad_per_s", motor.speed_limit - np.abs(states.velocity[judged]), motor.speed_limit, time)
+    add("speed_rad_per_s", motor.speed_limit - np.abs(states.velocity[inside]), motor.speed_limit, time)
     if recording.poses is not None:
         poses = recording.poses
-        counted = recording.judged(poses.time_ns)
+        counted = recording.in_window(poses.time_ns)
         position, at = poses.position[counted], recording.seconds(poses.time_ns[counted])
         inside = np.minimum(position - robot.workspace_min, robot.workspace_max - position)
         if inside.size:
@@ -224,7 +215,7 @@ def _margins(recording: Recording, judged: NDArray[np.bool_]) -> dict[str, Margi
     return margins
 
 
-def _energy(recording: Recording, judged: NDArray[np.bool_]) -> EnergyMetrics:
+def _energy(recording: Recording, inside: NDArray[np.bool_]) -> EnergyMetrics:
     states = recording.states
     m = recording.robot.number_of_cables
     if not states.effort.shape[1] or not states.velocity.shape[1]:
@@ -233,19 +224,19 @@ def _energy(recording: Recording, judged: NDArray[np.bool_]) -> EnergyMetrics:
     time = recording.seconds(states.time_ns)
     speed = states.velocity
     power = states.effort * speed
-    supplied = _integral(time, np.maximum(power, 0.0), judged)
-    returned = _integral(time, np.maximum(-power, 0.0), judged)
+    supplied = _integral(time, np.maximum(power, 0.0), inside)
+    returned = _integral(time, np.maximum(-power, 0.0), inside)
     cables = math.nan
     if recording.tensions is not None:
         at = recording.seconds(recording.tensions.time_ns)
         tensions = np.stack([np.interp(time, at, column) for column in recording.tensions.effort.T], axis=-1)
         work = -tensions * recording.robot.winch.cable_speed(np.nan_to_num(speed))
-        cables = float(_integral(time, work, judged).sum())
+        cables = float(_integral(time, work, inside).sum())
     return EnergyMetrics(supplied, returned, cables)
 
 
-def _integral(time: Floats, power: Floats, judged: NDArray[np.bool_]) -> Floats:
+def _integral(time: Floats, power: Floats, inside: NDArray[np.bool_]) -> Floats:
     """Integrate (n, m) by the trapezoidal rule over the intervals between two times that both count."""
-    both = (judged[1:] & judged[:-1])[:, None]
+    both = (inside[1:] & inside[:-1])[:, None]
     mean = 0.5 * (power[1:] + power[:-1])
     return np.asarray((np.where(both, mean, 0.0) * np.diff(time)[:, None]).sum(axis=0))

@@ -1,7 +1,12 @@
-"""The summary of a run of the demo: motor position errors, the mass estimate, the cycle; as numbers and as a table."""
+"""The summary of a run: what a user asks first of its metrics, under the keys of summary.json and as a table.
+
+Nothing is computed here: each number is one of `RunMetrics` or, for a run that was simulated without a bag, of the same
+functions.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,140 +14,188 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.analysis.numbers.cycles import CycleMetrics
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.mass import MassMetrics, MassTrace, mass_metrics
+from cspr_control.analysis.numbers.metrics import RunMetrics
+from cspr_control.analysis.recording import Window
+from cspr_control.errors import ControlError
+from cspr_msgs_py.json_file import plain
 from cspr_msgs_py.vocabulary import controller_label
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-MASS_TOLERANCE = 0.02  # of the true mass: the band in which the estimate must stay to count as settled
+Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class MassTrace:
-    """A mass over time: stamps in ns (n,), kg (n,)."""
-
-    stamp_ns: IntArray
-    mass: FloatArray
-
-
-@dataclass(frozen=True)
-class CycleStatistics:
-    """What the driver counted: cycles, missed ones, and the latency of the commands in microseconds."""
-
-    rate_hz: float
-    cycles: int
-    missed_cycles: int
-    latency_p50_us: float
-    latency_p99_us: float
-    latency_max_us: float
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RunSummary:
-    """The outcome of one run; angles in degrees as in the paper's Fig. 11, masses in kg of the payload alone."""
+    """The outcome of one run: a view of its metrics.
+
+    Attributes
+    ----------
+    controller, exact_mass, trajectory
+        What was run.
+    window
+        What the numbers are about; the driver's counts have their own (`CycleMetrics.counted`).
+    position_error
+        Of each motor (m,), degrees at its shaft, as in the paper's Fig. 11.
+    mass
+        Of the payload alone.
+    bag
+        Where it is recorded; empty if it is not.
+    """
 
     controller: str
     exact_mass: bool
     trajectory: str
-    rms_position_error_deg: tuple[float, ...]
-    max_position_error_deg: tuple[float, ...]
-    mass_true_final_kg: float
-    mass_estimate_final_kg: float
-    mass_settling_time_s: float | None
-    cycle: CycleStatistics
-    bag: str
+    window: Window
+    position_error: ErrorStatistics
+    mass: MassMetrics
+    cycle: CycleMetrics
+    bag: str = ""
 
-    @property
-    def mean_rms_deg(self) -> float:
-        """Mean over the motors of the RMS position error, degrees."""
-        return float(np.mean(self.rms_position_error_deg))
+    @classmethod
+    def of(cls, metrics: RunMetrics, *, controller: str, exact_mass: bool) -> RunSummary:
+        """Return the summary of a recorded run.
+
+        Raises
+        ------
+        ControlError
+            If the recording lacks what the summary needs.
+        """
+        position, mass, cycle = metrics.position_error, metrics.mass, metrics.cycle
+        lacking = [
+            text
+            for text, there in (
+                ("a trajectory that was followed", metrics.window.name == "trajectory"),
+                ("set-points on it", position is not None and bool(np.isfinite(position.rms).all())),
+                ("the estimated and the true payload on it", mass is not None and math.isfinite(mass.true)),
+                ("the driver's count of cycles", cycle.cycles is not None),
+            )
+            if not there
+        ]
+        if lacking or position is None or mass is None:
+            raise ControlError(f"{metrics.bag} lacks {', '.join(lacking)}: there is nothing to summarise")
+        return cls(
+            controller, exact_mass, metrics.trajectory, metrics.window, position, mass, cycle, metrics.bag
+        )
+
+    @classmethod
+    def of_samples(
+        cls,
+        time: Floats,
+        position_error: Floats,
+        mass_estimate: Floats,
+        mass_true: Floats,
+        *,
+        controller: str,
+        exact_mass: bool,
+        trajectory: str,
+        missed: int = 0,
+        latency: float = 0.0,
+        bag: str = "",
+    ) -> RunSummary:
+        """Return the summary of a run in simulated time, from its samples on the trajectory.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+            Of each control cycle since the start of the trajectory, s; at least two.
+        position_error : ndarray, shape (n, m)
+            Demanded less measured angle of each motor, rad.
+        mass_estimate, mass_true : ndarray, shape (n,)
+            Payload as the feed-forward was told it, and as it was, kg.
+        controller, exact_mass, trajectory
+            What was run.
+        missed
+            Cycles in which not every motor was sent a command.
+        latency
+            From the motor states to the commands, s.
+        bag
+            Where it is recorded, if it is.
+        """
+        stamps = np.rint(time * 1e9).astype(np.int64)
+        mass = mass_metrics(MassTrace(stamps, mass_estimate), MassTrace(stamps, mass_true), 0)
+        if mass is None:
+            raise ControlError(f"the run on {trajectory} has no samples: there is nothing to summarise")
+        window = Window("trajectory", float(time[0]), float(time[-1]))
+        cycle = CycleMetrics.of(np.diff(time), missed, window, len(time), missed, *(3 * [latency * 1e6]))
+        errors = ErrorStatistics.of(np.degrees(position_error))
+        return cls(controller, exact_mass, trajectory, window, errors, mass, cycle, bag)
 
     @property
     def name(self) -> str:
         """The controller, with the mass that it was told."""
         return controller_label(self.controller, self.exact_mass)
 
+    @property
+    def mean_rms_deg(self) -> float:
+        """Mean over the motors of the RMS position error, degrees."""
+        return float(self.position_error.rms.mean())
+
+    @property
+    def missed_share(self) -> float:
+        """Share of the control cycles that were missed."""
+        return (self.cycle.missed or 0) / max(self.cycle.cycles or 0, 1)
+
     def as_mapping(self) -> dict[str, Any]:
-        """Return the summary as it is stored in summary.json."""
-        cycle = self.cycle
-        return {
-            "controller": self.controller,
-            "exact_mass": self.exact_mass,
-            "trajectory": self.trajectory,
-            "rms_position_error_deg": list(self.rms_position_error_deg),
-            "max_position_error_deg": list(self.max_position_error_deg),
-            "mean_rms_position_error_deg": self.mean_rms_deg,
-            "mass_true_final_kg": self.mass_true_final_kg,
-            "mass_estimate_final_kg": self.mass_estimate_final_kg,
-            "mass_settling_time_s": self.mass_settling_time_s,
-            "rate_hz": cycle.rate_hz,
-            "cycles": cycle.cycles,
-            "missed_cycles": cycle.missed_cycles,
-            "command_latency_us": {
-                "p50": cycle.latency_p50_us,
-                "p99": cycle.latency_p99_us,
-                "max": cycle.latency_max_us,
-            },
-            "bag": self.bag,
-        }
-
-
-def settling_time(estimate: MassTrace, truth: MassTrace, tolerance: float = MASS_TOLERANCE) -> float | None:
-    """Time from the last change of the true mass until the estimate is within a tolerance of it for good, s.
-
-    None when it never is, and when the estimate's record ends before the change. With no change in the record, the
-    time runs from the beginning of the estimate's record.
-    """
-    changes = np.flatnonzero(np.abs(np.diff(truth.mass)) > 1e-6)
-    start = int(truth.stamp_ns[changes[-1] + 1]) if changes.size else int(estimate.stamp_ns[0])
-    after = estimate.stamp_ns >= start
-    if not after.any():
-        return None
-    final = float(truth.mass[-1])
-    outside = np.abs(estimate.mass[after] - final) > tolerance * max(final, 1.0)
-    if outside[-1]:
-        return None
-    stamps = estimate.stamp_ns[after]
-    settled = stamps[np.flatnonzero(outside)[-1] + 1] if outside.any() else stamps[0]
-    return float((settled - start) * 1e-9)
+        """Return the summary as it is stored in summary.json: over ``window``, where a number names no other."""
+        cycle, mass = self.cycle, self.mass
+        mapping: dict[str, Any] = plain(
+            {
+                "controller": self.controller,
+                "exact_mass": self.exact_mass,
+                "trajectory": self.trajectory,
+                "window": self.window,
+                "rms_position_error_deg": self.position_error.rms,
+                "max_position_error_deg": self.position_error.maximum,
+                "mean_rms_position_error_deg": self.mean_rms_deg,
+                "mass_true_final_kg": mass.true,
+                "mass_estimate_final_kg": mass.estimate,
+                "mass_settling_time_s": mass.settling,
+                "rate_hz": cycle.rate,
+                "cycles_window": cycle.counted,
+                "cycles": cycle.cycles,
+                "missed_cycles": cycle.missed,
+                "command_latency_window": "since the drives were enabled",
+                "command_latency_us": {
+                    "p50": cycle.latency_p50_us,
+                    "p99": cycle.latency_p99_us,
+                    "max": cycle.latency_max_us,
+                },
+                "bag": self.bag,
+            }
+        )
+        return mapping
 
 
 def verdict(summary: RunSummary) -> str:
-    """Judge a run in one line: did the cycle hold, and did the estimate find the mass."""
+    """Return in one line whether the cycle held and the estimate found the mass, or what is wrong."""
     faults = []
-    missed = summary.cycle.missed_cycles / max(summary.cycle.cycles, 1)
-    if missed >= 0.005:
-        faults.append(f"{missed:.2%} of the cycles were missed (limit 0.5 %)")
-    true = summary.mass_true_final_kg
-    error = abs(summary.mass_estimate_final_kg - true)
-    if error > 0.01 * max(true, 1.0):
+    if summary.missed_share >= 0.005:
+        faults.append(f"{summary.missed_share:.2%} of the cycles were missed (limit 0.5 %)")
+    mass = summary.mass
+    error = abs(mass.estimate - mass.true)
+    if error > 0.01 * max(mass.true, 1.0):
         faults.append(f"the mass estimate ended {error:.1f} kg off (limit 1 %)")
-    if summary.mass_settling_time_s is None or summary.mass_settling_time_s > 3.0:
+    if mass.settling is None or mass.settling > 3.0:
         faults.append("the mass estimate did not settle to 2 % within 3 s")
     return "good" if not faults else "not good: " + "; ".join(faults)
 
 
 def format_summary(summary: RunSummary) -> str:
     """Return one run as a table for a terminal."""
-    m = len(summary.rms_position_error_deg)
-    settling = "never" if summary.mass_settling_time_s is None else f"{summary.mass_settling_time_s:.2f} s"
-    cycle = summary.cycle
+    errors, mass, cycle = summary.position_error, summary.mass, summary.cycle
+    m = len(errors.rms)
     row = "  {:<22}" + "{:>8}" * (m + 1)
     lines = [
         f"{summary.name} on {summary.trajectory}",
         row.format("position error (deg)", *(f"motor {k}" for k in range(1, m + 1)), "mean"),
-        row.format(
-            "  RMS", *(f"{e:.2f}" for e in summary.rms_position_error_deg), f"{summary.mean_rms_deg:.2f}"
-        ),
-        row.format(
-            "  maximum",
-            *(f"{e:.2f}" for e in summary.max_position_error_deg),
-            f"{np.mean(summary.max_position_error_deg):.2f}",
-        ),
-        f"  payload               true {summary.mass_true_final_kg:.1f} kg, estimated "
-        f"{summary.mass_estimate_final_kg:.1f} kg, within 2 % after {settling}",
-        f"  control cycle         {cycle.rate_hz:.1f} Hz, {cycle.missed_cycles} of {cycle.cycles} cycles missed "
-        f"({cycle.missed_cycles / max(cycle.cycles, 1):.3%})",
+        row.format("  RMS", *(f"{e:.2f}" for e in errors.rms), f"{summary.mean_rms_deg:.2f}"),
+        row.format("  maximum", *(f"{e:.2f}" for e in errors.maximum), f"{errors.maximum.mean():.2f}"),
+        f"  payload               true {mass.true:.1f} kg, estimated {mass.estimate:.1f} kg, within 2 % after "
+        f"{_settled(mass)}",
+        f"  control cycle         {cycle.rate:.1f} Hz, {cycle.missed} of {cycle.cycles} cycles missed "
+        f"({summary.missed_share:.3%})",
         f"  command latency       {cycle.latency_p50_us:.0f} us median, {cycle.latency_p99_us:.0f} us 99 %, "
         f"{cycle.latency_max_us:.0f} us maximum",
         f"  verdict               {verdict(summary)}",
@@ -152,31 +205,26 @@ def format_summary(summary: RunSummary) -> str:
 
 def format_comparison(summaries: Sequence[RunSummary]) -> str:
     """Return several runs as one table: a line each."""
-    m = len(summaries[0].rms_position_error_deg)
-    row = "{:<22}" + "{:>8}" * (m + 1) + "{:>9}{:>11}{:>9}{:>9}"
+    motors = [f"motor {k}" for k in range(1, len(summaries[0].position_error.rms) + 1)]
+    row = "{:<22}" + "{:>8}" * (len(motors) + 1) + "{:>9}{:>11}{:>9}{:>9}"
     lines = [
         f"RMS position error in degrees on {summaries[0].trajectory}",
-        row.format(
-            "controller",
-            *(f"motor {k}" for k in range(1, m + 1)),
-            "mean",
-            "max",
-            "mass error",
-            "settled",
-            "missed",
-        ),
+        row.format("controller", *motors, "mean", "max", "mass error", "settled", "missed"),
     ]
-    for run in summaries:
-        settled = "never" if run.mass_settling_time_s is None else f"{run.mass_settling_time_s:.2f} s"
-        lines.append(
-            row.format(
-                run.name,
-                *(f"{e:.2f}" for e in run.rms_position_error_deg),
-                f"{run.mean_rms_deg:.2f}",
-                f"{max(run.max_position_error_deg):.2f}",
-                f"{run.mass_estimate_final_kg - run.mass_true_final_kg:+.2f} kg",
-                settled,
-                f"{run.cycle.missed_cycles}/{run.cycle.cycles}",
-            )
+    lines += [
+        row.format(
+            run.name,
+            *(f"{e:.2f}" for e in run.position_error.rms),
+            f"{run.mean_rms_deg:.2f}",
+            f"{run.position_error.maximum.max():.2f}",
+            f"{run.mass.estimate - run.mass.true:+.2f} kg",
+            _settled(run.mass),
+            f"{run.cycle.missed}/{run.cycle.cycles}",
         )
+        for run in summaries
+    ]
     return "\n".join(lines)
+
+
+def _settled(mass: MassMetrics) -> str:
+    return "never" if mass.settling is None else f"{mass.settling:.2f} s"

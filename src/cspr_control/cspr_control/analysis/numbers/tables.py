@@ -32,7 +32,7 @@ def summary_rows(runs: Sequence[RunAnalysis]) -> list[tuple[str, list[str]]]:
         ("controller", [controller_title(one.controller) for one in metrics]),
         ("trajectory", [one.trajectory for one in metrics]),
         ("payload", [run.load_text() for run in runs]),
-        ("judged, s", [_number(one.duration, 2) for one in metrics]),
+        ("evaluated, s", [_number(one.duration, 2) for one in metrics]),
     ]
     for name, errors, digits in (
         ("position error, deg", [one.position_error for one in metrics], 2),

@@ -15,10 +15,10 @@ class Page {
     this.runs = report.runs;
     this.hiddenMotors = new Set();
     this.camera = { ...CAMERA };
-    this.judged = report.judged;
+    this.window = report.window;
     this.whole = report.whole;
-    this.view = [...this.judged];
-    this.time = this.judged[0];
+    this.view = [...this.window];
+    this.time = this.window[0];
     this.playing = false;
     this.charts = [];
     this.visible = new Set();
@@ -83,8 +83,8 @@ class Page {
   }
 
   resetView() {
-    const all = this.view[0] === this.judged[0] && this.view[1] === this.judged[1];
-    this.setView(...(all ? this.whole : this.judged));
+    const all = this.view[0] === this.window[0] && this.view[1] === this.window[1];
+    this.setView(...(all ? this.whole : this.window));
   }
 
   resetCamera() {
@@ -109,7 +109,7 @@ class Page {
     document.getElementById("play").textContent = on ? "❚❚" : "▶";
     document.getElementById("play").setAttribute("aria-label", on ? "pause" : "play");
     if (!on) return;
-    if (this.time >= this.whole[1] - 1e-6) this.setTime(this.judged[0]);
+    if (this.time >= this.whole[1] - 1e-6) this.setTime(this.window[0]);
     let before = performance.now();
     const step = (now) => {
       if (!this.playing) return;
@@ -281,7 +281,7 @@ class Page {
     });
     document.getElementById("play").addEventListener("click", () => this.play(!this.playing));
     document.getElementById("view-all").addEventListener("click", () => this.setView(...this.whole));
-    document.getElementById("view-judged").addEventListener("click", () => this.setView(...this.judged));
+    document.getElementById("view-window").addEventListener("click", () => this.setView(...this.window));
     const band = document.getElementById("band");
     const at = (event) => {
       const box = band.getBoundingClientRect();

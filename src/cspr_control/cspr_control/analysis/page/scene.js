@@ -209,7 +209,7 @@ class Scene {
   }
 
   path(c, block, color, dash, width) {
-    const [from, to] = this.page.judged;
+    const [from, to] = this.page.window;
     const points = [];
     for (let i = 0; i < block.time.length; i++) {
       if (block.time[i] >= from && block.time[i] <= to) points.push(block.columns.slice(0, 3).map((x) => x[i]));
