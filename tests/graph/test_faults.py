@@ -10,8 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from benchmarks.faults import LARGEST_DROP, PAYLOAD, SCENARIOS, run
-from benchmarks.stepped_graph import SteppedGraph
+from cspr_control.closed_loop.fault_scenarios import LARGEST_DROP, SCENARIOS, Bench
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,44 +18,19 @@ ROOT = Path(__file__).parents[2]
 LARGEST_JUMP = 0.005
 
 
-class Bench:
-    """A robot that is enabled; a new one after a test that failed."""
-
-    def __init__(self):
-        self.graph = None
-
-    def enabled(self):
-        if self.graph is None:
-            self.graph = SteppedGraph(PAYLOAD)
-            self.graph.enable()
-            self.graph.robot.wait(0.5)
-        return self.graph
-
-    def discard(self):
-        if self.graph is not None:
-            self.graph.close()
-            self.graph = None
-
-
 @pytest.fixture(scope="module")
 def bench():
-    bench = Bench()
+    bench = Bench(ROOT / "config")
     yield bench
-    bench.discard()
+    bench.close()
 
 
 def check(bench, scenario, moving):
-    graph = bench.enabled()
-    try:
-        outcome = run(graph, scenario, moving)
-        assert outcome.drop <= LARGEST_DROP
-        assert outcome.jump < LARGEST_JUMP
-        if outcome.controlled and not scenario.harms_tension:
-            assert outcome.lowest_tension > graph.model.tension_min
-    except BaseException:
-        bench.discard()
-        raise
-    return outcome
+    outcome = bench.outcome(scenario, moving)
+    assert outcome.drop <= LARGEST_DROP
+    assert outcome.jump < LARGEST_JUMP
+    if outcome.controlled and not scenario.harms_tension:
+        assert outcome.lowest_tension > bench.robot.tension_min
 
 
 def named(scenario):

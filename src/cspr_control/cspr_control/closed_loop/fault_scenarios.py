@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,14 +20,14 @@ from cspr_control.closed_loop.run import closed_loop
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_drivers.simulation.fault_injection import FaultOrder, InjectedFault
-from cspr_kinematics import Pose
+from cspr_kinematics import Pose, Robot
 from cspr_msgs_py.topics import RECORDER_STATE
 from cspr_msgs_py.vocabulary import Level, RobotState
 from cspr_msgs_py.wire.samples import Status
 
 PAYLOAD = 200.0  # kg on a platform of 153 kg
 LARGEST_DROP = 0.020  # m
-RobotLoop = ClosedLoop[SimulatedRobot]
+RobotLoop: TypeAlias = "ClosedLoop[SimulatedRobot]"
 _PLACE = 2  # the motor or cable, from 0, that has the fault
 _WINDING = 2.0  # s that turning a drum back by hand may take
 _SETTLING = 0.2  # s for which the robot is watched after the brakes hold
@@ -302,7 +303,8 @@ def run(loop: RobotLoop, scenario: FaultScenario, moving: bool = False) -> Outco
     robot, plant, time = loop.machine, loop.machine.plant, loop.time
     if moving:
         _move(loop)
-    heights, tensions = [], []
+    heights: list[float] = []
+    tensions: list[float] = []
     states: list[RobotState] = []
     closed_at: list[float] = []
     onset: list[float] = []
@@ -406,12 +408,15 @@ class Bench:
         self._config = config
         self._loop: RobotLoop | None = None
 
+    @property
+    def robot(self) -> Robot:
+        """The robot as the controllers believe it to be."""
+        return self._enabled().robot
+
     def outcome(self, scenario: FaultScenario, moving: bool) -> Outcome:
         """Let a fault happen; raises what `run` does."""
-        if self._loop is None:
-            self._loop = enabled_robot(self._config)
         try:
-            return run(self._loop, scenario, moving)
+            return run(self._enabled(), scenario, moving)
         except BaseException:
             self.close()
             raise
@@ -422,11 +427,11 @@ class Bench:
             self._loop.machine.close()
             self._loop = None
 
-
-def enabled_robot(config: Path) -> RobotLoop:
-    """Return a robot that carries `PAYLOAD` and holds it, enabled, at its home pose."""
-    loop: RobotLoop = closed_loop(Scenario(payload=PAYLOAD, config=config))
-    loop.begin()
-    loop.time.wait(2.0)  # the estimate of the payload settles
-    loop.enable()
-    return loop
+    def _enabled(self) -> RobotLoop:
+        """Return the robot; it carries `PAYLOAD` and holds it, enabled."""
+        if self._loop is None:
+            self._loop = closed_loop(Scenario(payload=PAYLOAD, config=self._config))
+            self._loop.begin()
+            self._loop.time.wait(2.0)  # the estimate of the payload settles
+            self._loop.enable()
+        return self._loop

@@ -17,7 +17,7 @@ from cspr_control.reference.player import TrajectoryPlayer
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision, Supervisor
 from cspr_kinematics import Pose, Robot
-from cspr_msgs_py.topics import PAYLOAD, SIMULATED_PAYLOAD, Topic, motor_command
+from cspr_msgs_py.topics import DIAGNOSTICS, PAYLOAD, SIMULATED_PAYLOAD, Topic, motor_command
 from cspr_msgs_py.vocabulary import RobotState
 from cspr_msgs_py.wire.samples import InertiaSample
 
@@ -202,6 +202,8 @@ class ClosedLoop(Generic[M]):
         for output in outputs:
             if isinstance(output, Publication):
                 topic, sample = output
+                if topic is DIAGNOSTICS:
+                    sample = sample._replace(stamp_ns=self.time.system_ns())
                 for listen in self.listeners:
                     listen(topic, sample)
                 motor = self.motors.get(topic.name)

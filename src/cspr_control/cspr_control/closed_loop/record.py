@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.numbers import run_summary
-from cspr_control.analysis.numbers.run_summary import MassTrace
-from cspr_control.closed_loop.loop import ClosedLoop
+from cspr_control.analysis.numbers.mass import MassTrace, settling_time
+from cspr_control.analysis.numbers.run_summary import RunSummary
+from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
+from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
@@ -23,6 +24,8 @@ class LoopRecord:
 
     Attributes
     ----------
+    scenario
+        What was run.
     time
         (n,) s after the start.
     position_error, velocity_error
@@ -41,6 +44,7 @@ class LoopRecord:
         What stopped the robot, in words; empty if nothing did.
     """
 
+    scenario: Scenario
     time: FloatArray
     position_error: FloatArray
     velocity_error: FloatArray
@@ -57,21 +61,29 @@ class LoopRecord:
     @property
     def rms_deg(self) -> FloatArray:
         """RMS position error of each motor (m,), degrees."""
-        return np.degrees(np.sqrt((self.position_error**2).mean(axis=0)))
-
-    @property
-    def max_deg(self) -> FloatArray:
-        """Largest position error of each motor (m,), degrees."""
-        return np.degrees(np.abs(self.position_error).max(axis=0))
+        return np.asarray(np.degrees(np.sqrt((self.position_error**2).mean(axis=0))))
 
     @property
     def settling_time(self) -> float:
         """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
         stamps = (self.time * 1e9).round().astype(np.int64)
-        settled = run_summary.settling_time(
-            MassTrace(stamps, self.mass_estimate), MassTrace(stamps, self.mass_true)
-        )
+        settled = settling_time(MassTrace(stamps, self.mass_estimate), MassTrace(stamps, self.mass_true))
         return np.inf if settled is None else settled
+
+    def summary(self, bag: str = "") -> RunSummary:
+        """Return what summary.json says of a run, and where the run is recorded if it is."""
+        return RunSummary.of_samples(
+            self.time,
+            self.position_error,
+            self.mass_estimate,
+            self.mass_true,
+            controller=self.scenario.controller,
+            exact_mass=self.scenario.exact_mass,
+            trajectory=self.scenario.trajectory.value,
+            missed=int(np.isnan(self.torque).any(axis=1).sum()),
+            latency=self.scenario.reaction_time,
+            bag=bag,
+        )
 
 
 class _Cycle(NamedTuple):
@@ -98,12 +110,26 @@ class LoopRecorder:
         self._cycles: list[_Cycle] = []
         loop.listeners.append(self._listen)
 
-    def record(self, simulated: float, elapsed: float) -> LoopRecord:
-        """Return the cycles from the start of the trajectory to its end, or to where it was broken off."""
+    def record(self, scenario: Scenario, simulated: float, elapsed: float) -> LoopRecord:
+        """Return the cycles from the start of the trajectory to its end, or to where the robot was stopped.
+
+        Raises
+        ------
+        ClosedLoopError
+            If the robot was stopped before the trajectory began.
+        """
         start, end = self._loop.player.start_time, self._loop.player.end_time
         cycles = [cycle for cycle in self._cycles if start <= cycle.stamp_ns < end]
-        stamps, *columns = map(np.array, zip(*cycles, strict=True))
-        return LoopRecord((stamps - start) * 1e-9, *columns, simulated, elapsed, self._loop.cause)
+        if len(cycles) < 2:
+            raise ClosedLoopError(f"the trajectory did not begin: {self._loop.cause}")
+        columns: dict[str, Any] = {
+            name: np.array(column)
+            for name, column in zip(_Cycle._fields, zip(*cycles, strict=True), strict=True)
+        }
+        time = (columns.pop("stamp_ns") - start) * 1e-9
+        return LoopRecord(
+            scenario, time, **columns, simulated=simulated, elapsed=elapsed, cause=self._loop.cause
+        )
 
     def _listen(self, topic: Topic, sample: Any) -> None:
         if topic is SETPOINT:

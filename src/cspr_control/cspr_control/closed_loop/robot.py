@@ -96,8 +96,9 @@ class SimulatedRobot:
         self.devices, self.amplifiers = emulated_devices(can_config, simulation, self.machine, eds)
         self._wires = {bus.name: _Wire(self, bus.name, bus.bitrate) for bus in can_config.buses}
         self._nodes: tuple[EmulatedNode, ...] = (*self.devices, *self.amplifiers)
-        for config, node in zip((*can_config.drives, *can_config.load_cells), self._nodes, strict=True):
-            self._wires[config.bus].network.add_node(node)
+        buses = [drive.bus for drive in can_config.drives] + [cell.bus for cell in can_config.load_cells]
+        for bus, node in zip(buses, self._nodes, strict=True):
+            self._wires[bus].network.add_node(node)
         self._conversion_time = simulation.load_cells.conversion_time
         timings = {name: wire.timing for name, wire in self._wires.items()}
         self.faults = FaultInjector(self.devices, self.amplifiers, self.machine, timings)
@@ -145,12 +146,13 @@ class SimulatedRobot:
         if not self.driver_runs:
             return Answer(False, "the driver does not answer")
         drives = self.drives
-        refusal = {
+        commands: dict[str, Callable[[], str | None]] = {
             "/can_drives/enable": drives.enable,
             "/can_drives/disable": drives.disable,
-            "/can_drives/quick_stop": lambda: drives.quick_stop("quick stop commanded"),
+            "/can_drives/quick_stop": partial(drives.quick_stop, "quick stop commanded"),
             "/can_drives/fault_reset": drives.fault_reset,
-        }[service]()
+        }
+        refusal = commands[service]()
         return Answer(refusal is None, refusal or "accepted")
 
     def change_payload(self, payload: Payload, stamp_ns: int) -> None:

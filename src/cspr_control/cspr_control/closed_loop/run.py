@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
 
+from cspr_control.closed_loop.bag import LoopBag
 from cspr_control.closed_loop.bare_plant import BarePlant
-from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError, Listener
+from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.machine import Machine
 from cspr_control.closed_loop.record import LoopRecord, LoopRecorder
 from cspr_control.closed_loop.robot import SimulatedRobot
@@ -26,23 +29,13 @@ from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 _MEASURING = 2.0  # s for the load to be measured before the trajectory begins
 _SETTLING = 1.5  # s after the end of the trajectory, or after a fault
 _STEP = 0.1  # s between two words about the progress
-_LATENCY = 0.0005  # s from the motor states to the torques, in one process
-_LATENCY_WITH_BUS = 0.0015  # s, with what frames take on the bus before and after
 
 Progress = Callable[[str, float], None]
 """Told what goes on, and the simulated time, s."""
 
 
-def closed_loop(scenario: Scenario, listen: Listener | None = None) -> ClosedLoop[Any]:
-    """Make the closed loop of a scenario; it has not begun.
-
-    Parameters
-    ----------
-    scenario
-        What it is made of.
-    listen
-        Told of all that is published; see `ClosedLoop.listeners`.
-    """
+def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
+    """Make the closed loop of a scenario; it has not begun."""
     robot = scenario.read_robot()
     settings = control_settings(robot, scenario.read_parameters())
     time, simulation = SimulatedTime(), scenario.read_machine()
@@ -51,17 +44,14 @@ def closed_loop(scenario: Scenario, listen: Listener | None = None) -> ClosedLoo
         machine = SimulatedRobot(time, scenario.read_buses(), simulation, scenario.config / "eds")
     else:
         machine = BarePlant(time, simulation, settings.period)
-    latency = scenario.latency
-    if latency is None:
-        latency = _LATENCY if scenario.devices else _LATENCY_WITH_BUS
-    loop = ClosedLoop(robot, settings, machine, latency, scenario.exact_mass, scenario.speed)
+    loop = ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)
     if listen is not None:
         loop.listeners.append(listen)
     return loop
 
 
 def run(
-    scenario: Scenario, listen: Listener | None = None, progress: Progress = lambda step, time: None
+    scenario: Scenario, bag: Path | None = None, progress: Progress = lambda step, time: None
 ) -> LoopRecord:
     """Enable the robot, let it follow the trajectory, stop it, and return what happened.
 
@@ -69,19 +59,31 @@ def run(
     ----------
     scenario
         The run.
-    listen
-        Told of each topic and sample that is published.
+    bag
+        Where all that is published is recorded, if anywhere; must not exist yet.
     progress
         Told of what goes on.
 
     Raises
     ------
-    ControlError, cspr_kinematics.KinematicsError, cspr_drivers.errors.DriverError
-        If a file of the configuration is not what it must be, or the robot stopped by a fault that nobody planned.
+    ControlError, cspr_kinematics.KinematicsError, cspr_drivers.errors.DriverError, cspr_msgs_py.errors.MessagesError
+        If a file of the configuration is not what it must be, the bag cannot be written, or a fault that nobody planned
+        stopped the robot.
     """
     began = process_time()
-    loop = closed_loop(scenario, listen)
+    loop = closed_loop(scenario)
     recorder = LoopRecorder(loop)
+    begin = loop.time.monotonic()
+    with ExitStack() as opened:
+        opened.callback(loop.machine.close)
+        if bag is not None:
+            opened.enter_context(LoopBag(bag, scenario, loop))
+        _operate(loop, scenario, progress)
+    return recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
+
+
+def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> None:
+    """Do what an operator does, from switching on to switching off."""
     begin = loop.time.monotonic()
 
     def pause(step: str, duration: float, done: Callable[[], bool] = lambda: False) -> bool:
@@ -91,32 +93,28 @@ def run(
             loop.time.wait_until(done, min(_STEP, end - loop.time.monotonic()))
         return done()
 
-    try:
-        progress("starting", 0.0)
-        loop.begin()
-        loop.enable()
-        pause("measuring the load", _MEASURING, lambda: loop.state is RobotState.FAULT)
-        _start(loop, scenario)
-        player = loop.player
+    progress("starting", 0.0)
+    loop.begin()
+    loop.enable()
+    pause("measuring the load", _MEASURING, lambda: loop.state is RobotState.FAULT)
+    _start(loop, scenario)
+    player = loop.player
 
-        def over() -> bool:
-            return loop.state is RobotState.FAULT or player.phase.at_rest
+    def over() -> bool:
+        return loop.state is RobotState.FAULT or player.phase.at_rest
 
-        moving = (player.end_time - loop.time.system_ns()) * 1e-9
-        if scenario.duration is not None:
-            pause("moving", (player.start_time - loop.time.system_ns()) * 1e-9 + scenario.duration, over)
-            loop.order("/trajectory_publisher/stop")
-        pause("moving", moving + 1.0, over)
-        if loop.state is RobotState.FAULT and not scenario.faults:
-            raise ClosedLoopError(f"the robot stopped: {loop.cause}")
-        if player.phase is not TrajectoryPhase.FINISHED and scenario.duration is None and not loop.cause:
-            raise ClosedLoopError(f"the trajectory was not followed to its end: {player.interruption}")
-        pause("settling", _SETTLING)
-        loop.order("/supervisor/stop")
-        pause("stopping", _SETTLING, lambda: loop.state in (RobotState.DISABLED, RobotState.FAULT))
-    finally:
-        loop.machine.close()
-    return recorder.record(loop.time.monotonic() - begin, process_time() - began)
+    moving = (player.end_time - loop.time.system_ns()) * 1e-9
+    if scenario.duration is not None:
+        pause("moving", (player.start_time - loop.time.system_ns()) * 1e-9 + scenario.duration, over)
+        loop.order("/trajectory_publisher/stop")
+    pause("moving", moving + 1.0, over)
+    if loop.state is RobotState.FAULT and not scenario.faults:
+        raise ClosedLoopError(f"the robot stopped: {loop.cause}")
+    if player.phase is not TrajectoryPhase.FINISHED and scenario.duration is None and not loop.cause:
+        raise ClosedLoopError(f"the trajectory was not followed to its end: {player.interruption}")
+    pause("settling", _SETTLING)
+    loop.order("/supervisor/stop")
+    pause("stopping", _SETTLING, lambda: loop.state in (RobotState.DISABLED, RobotState.FAULT))
 
 
 def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:

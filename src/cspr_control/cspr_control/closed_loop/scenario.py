@@ -16,7 +16,11 @@ from cspr_control.reference.catalogue import TrajectoryName
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload, Pulleys, Robot
+from cspr_msgs_py.bag.bag_file import Attachment
 from cspr_msgs_py.vocabulary import Controller, controller_label
+
+_LATENCY = 0.0005  # s from the motor states to the torques, in one process
+_LATENCY_WITH_BUS = 0.0015  # s, with what frames take on the bus before and after
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,11 @@ class Scenario:
         Parameters of the control nodes that are to be otherwise than in control.yaml, by node.
     robot
         File of the configuration that describes the robot as the controllers believe it to be.
-    true_pulleys, motor_inertia_factor
-        Of the simulated machine: its pulleys if they are not those of simulation.yaml, and a factor on the inertia of
-        its motors.
+    buses
+        File of the configuration that describes buses and devices.
+    true_pulleys, motor_inertia_factor, conversion_time
+        Of the simulated machine: its pulleys and the time from SYNC to the answer of an amplifier, s, if they are not
+        those of simulation.yaml, and a factor on the inertia of its motors.
     latency
         From the motor states to the arrival of the torques at the driver, s; by default 0.5 ms with devices, where the
         buses take their time as well, and 1.5 ms without.
@@ -77,8 +83,10 @@ class Scenario:
     duration: float | None = None
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     robot: str = "robot.yaml"
+    buses: str = "can.yaml"
     true_pulleys: Pulleys | None = None
     motor_inertia_factor: float = 1.0
+    conversion_time: float | None = None
     latency: float | None = None
     phase: float | None = None
     speed: float = 1.0
@@ -91,6 +99,11 @@ class Scenario:
     def label(self) -> str:
         """The controller in words."""
         return controller_label(self.controller, self.exact_mass)
+
+    @property
+    def reaction_time(self) -> float:
+        """From the motor states to the arrival of the torques at the driver, s."""
+        return self.latency or (_LATENCY if self.devices else _LATENCY_WITH_BUS)
 
     def read_robot(self) -> Robot:
         """Read the robot as the controllers believe it to be."""
@@ -107,9 +120,23 @@ class Scenario:
             parameters.change(node, values)
         return parameters
 
+    def attachments(self) -> list[Attachment]:
+        """Return the files of the configuration, control.yaml as it is in this run.
+
+        Raises
+        ------
+        BagError
+            If one cannot be read.
+        """
+        files = [Attachment.from_file(path) for path in sorted(self.config.glob("*.yaml"))]
+        control = self.read_parameters().text().encode()
+        return [
+            replace(file, data=control) if Path(file.name).name == "control.yaml" else file for file in files
+        ]
+
     def read_buses(self) -> CanConfig:
-        """Read can.yaml."""
-        return CanConfig.from_yaml(self.config / "can.yaml")
+        """Read buses and devices."""
+        return CanConfig.from_yaml(self.config / self.buses)
 
     def read_machine(self) -> SimulationConfig:
         """Read simulation.yaml, with what is otherwise in this run."""
@@ -118,4 +145,8 @@ class Scenario:
         motor = config.robot.motor
         motor = replace(motor, inertia=motor.inertia * self.motor_inertia_factor)
         robot = replace(config.robot, motor=motor).with_geometry(pulleys=self.true_pulleys)
-        return replace(config, robot=robot, seed=config.seed if self.seed is None else self.seed)
+        cells = config.load_cells
+        if self.conversion_time is not None:
+            cells = replace(cells, conversion_time=self.conversion_time)
+        seed = config.seed if self.seed is None else self.seed
+        return replace(config, robot=robot, load_cells=cells, seed=seed)

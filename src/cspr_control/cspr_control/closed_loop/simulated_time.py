@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from heapq import heappop, heappush
 from math import inf
-from queue import SimpleQueue
+from queue import Queue, SimpleQueue
 from typing import Any, Protocol
 
 from cspr_drivers.clock import Clock
@@ -126,7 +126,7 @@ class SimulatedTime(Clock):
         else:
             self.wait(duration)
 
-    def take(self, queue: SimpleQueue[Any], timeout: float | None = None) -> Any:
+    def take(self, queue: Queue[Any] | SimpleQueue[Any], timeout: float | None = None) -> Any:
         """Return what comes next in a queue, waiting for it up to a time, s; raises `queue.Empty` after it."""
         if self._task is not None:
             self._task.wait(lambda: not queue.empty(), inf if timeout is None else self._now + timeout)
