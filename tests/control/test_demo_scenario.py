@@ -14,7 +14,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from cspr_control.demo.scenario import AddedPayload, DemoError, Scenario, ros_parameter
-from cspr_control.nodes.supervisor import _LIMITS
+from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import TABLE
 from cspr_msgs_py.vocabulary import Controller
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -63,8 +64,13 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
     assert parameters(files, "/**")["setpoint_timeout"] == 4.0 * 0.1
     slow = parameters(files, "supervisor")
     usual = shipped("control")["supervisor"]["ros__parameters"]
-    for name, (_, unit) in _LIMITS.items():
-        assert slow[name] == pytest.approx(usual[name] * (4.0 if unit == "s" else 1.0)), name
+    limits = [row for row in TABLE["supervisor"] if row.name in usual]
+    assert len(limits) > 10
+    for row in limits:
+        assert slow[row.name] == pytest.approx(usual[row.name] * (4.0 if row.unit == "s" else 1.0)), row.name
+    player = ParameterFile.from_yaml(tmp_path / "config" / "control.yaml").values("trajectory_publisher")
+    assert player["max_gap"] == 4.0 * 0.1
+    assert player["stop_time"] == 0.5  # the machine's own
     assert slow["max_age"] == {name: pytest.approx(4.0 * age) for name, age in usual["max_age"].items()}
 
 

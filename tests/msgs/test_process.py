@@ -13,6 +13,8 @@ PROGRAM = """
 import os, sys, time
 from cspr_msgs_py.wire.conversions import diagnostic_status
 from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.parameters.row import NodeParameter
+from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.process import *
 from cspr_msgs_py.topics import MOTOR_STATES
 from cspr_msgs_py.wire.joint_state import JointStateCodec
@@ -24,8 +26,8 @@ CASE = sys.argv.pop(1)
 class Worker(Node):
     def __init__(self):
         super().__init__("worker")
-        self.gain = declare(self, "gain", 1.0, "a gain", minimum=0.0, maximum=10.0, unit="N m")
-        self.names = declare(self, "limits", [1.0], "some numbers")
+        self.gain = declare(self, NodeParameter("gain", 1.0, "a gain", "N m", 0.0, 10.0, changeable=True))
+        self.names = declare(self, NodeParameter("limits", [1.0], "some numbers", changeable=True))
         if CASE == "start error":
             raise StartError("robot.yaml: key mass: -1 is negative")
         if CASE == "missing file":
@@ -201,7 +203,7 @@ def test_a_node_that_cannot_be_made_safe_does_not_keep_the_others_from_it() -> N
 
 
 def test_a_wrong_parameter_is_one_line() -> None:
-    status, output = Program("run", "--ros-args", "-p", "gain:=-1.0").end()
+    status, output = Program("run", "--ros-args", "-p", "worker:gain:=-1.0").end()
     assert status == 1
     assert output.startswith("worker: parameter gain: ")
     assert "out of range Min: 0.0, Max: 10.0" in output
@@ -219,6 +221,21 @@ def test_arguments_that_nobody_takes() -> None:
     status, output = Program("run", "-p", "gain:=2.0").end()
     assert status == 2
     assert "unknown arguments: -p gain:=2.0; parameters follow --ros-args" in output
+
+
+def test_a_parameter_that_no_node_knows_ends_the_start(tmp_path: Path) -> None:
+    status, output = Program("run", "--ros-args", "-p", "kP:=2.0").end()
+    assert status == 2
+    assert output == "-c: -p kP:=2.0: no node has a parameter 'kP'; did you mean kp?\n"
+    file = tmp_path / "control.yaml"
+    file.write_text("feedfoward:\n  ros__parameters: {model: none}\n", encoding="utf-8")
+    status, output = Program("run", "--ros-args", "--params-file", str(file)).end()
+    assert status == 2
+    assert f"{file}, line 2: there is no node feedfoward; did you mean feedforward?" in output
+    file.write_text("42", encoding="utf-8")
+    status, output = Program("run", "--ros-args", "--params-file", str(file)).end()
+    assert status == 2
+    assert "is not a parameter file" in output
 
 
 def test_the_whole_process_is_bound_to_a_cpu() -> None:

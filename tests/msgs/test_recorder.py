@@ -115,7 +115,7 @@ def test_a_missing_attachment_is_refused(tmp_path: Path, start) -> None:
 
 
 def test_an_unknown_compression_is_refused(tmp_path: Path, start) -> None:
-    with pytest.raises(StartError, match="compression: 'rar' is none of zstd, lz4, none"):
+    with pytest.raises(StartError, match="compression is 'rar'; it must be one of zstd, lz4, none"):
         start(output=str(tmp_path / "bag"), compression="rar")
 
 

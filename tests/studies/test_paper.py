@@ -4,11 +4,26 @@ import subprocess
 
 import pytest
 from studies import paper
+from studies.paper_results import TensionResults
+
+from cspr_kinematics import Robot
+
+
+@pytest.fixture(scope="module")
+def tensions():
+    """Compute what figures 7 to 10 show once for all tests."""
+    return TensionResults.compute(Robot.from_yaml(paper.ROOT / "config" / "robot.yaml"))
+
+
+@pytest.fixture(autouse=True)
+def computed_once(monkeypatch, tensions):
+    monkeypatch.setattr(TensionResults, "compute", lambda robot: tensions)
 
 
 @pytest.fixture
 def without_closed_loops(monkeypatch):
-    """Leave out the closed loops, which take minutes; what comes after them stays."""
+    """Leave out the closed loops, which take minutes, and all figures; what comes after them stays."""
+    monkeypatch.setattr(paper, "draw_tension_figures", lambda tensions, robot, output: None)
     monkeypatch.setattr(paper, "_closed_loops", lambda robot: None)
     monkeypatch.setattr(paper, "write_loop_tables", lambda loops, output: None)
     monkeypatch.setattr(paper, "draw_loop_figures", lambda loops, output: None)

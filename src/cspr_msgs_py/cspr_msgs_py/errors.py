@@ -13,6 +13,10 @@ class BagError(MessagesError):
     """A bag cannot be written or read."""
 
 
+class ParameterError(MessagesError):
+    """A parameter is unknown, or has a value that it may not have."""
+
+
 class StartError(MessagesError):
     """A node cannot start; the text says what to change."""
 

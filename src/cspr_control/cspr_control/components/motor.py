@@ -9,6 +9,7 @@ from typing import ClassVar
 from cspr_control.components.component import NOTHING, Component, Outputs, Publication
 from cspr_control.motors.motor_control import MotorController, MotorGains
 from cspr_kinematics import Motor
+from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic, motor_command
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.joint_state import JointSample, JointStateSample
@@ -20,7 +21,7 @@ class MotorSettings:
     """Settings of a motor controller: its gains, and the age at which a set-point is no longer used, s."""
 
     gains: MotorGains = field(default_factory=MotorGains)
-    setpoint_timeout: float = 0.1
+    setpoint_timeout: float = SETPOINT_TIMEOUT.default
 
 
 class MotorComponent(Component):

@@ -8,6 +8,7 @@ from typing import ClassVar
 from cspr_control.components.component import NOTHING, Component, Outputs, Publication
 from cspr_control.estimation.pose import PoseEstimator
 from cspr_kinematics import KinematicsError, Robot
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import NANOSECONDS
@@ -19,7 +20,7 @@ from cspr_msgs_py.wire.samples import PoseSample, Status
 class PoseSettings:
     """Settings of the pose estimation: rate of the poses, Hz."""
 
-    rate: float = 50.0
+    rate: float = defaults("pose_estimator")["rate"]
 
 
 class PoseComponent(Component):

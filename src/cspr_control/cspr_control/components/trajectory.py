@@ -14,6 +14,7 @@ from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import KinematicsError, Pose, Robot
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.topics import (
     MOTOR_STATES,
     PLATFORM_POSE,
@@ -26,6 +27,8 @@ from cspr_msgs_py.vocabulary import Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
 from cspr_msgs_py.wire.samples import PoseSample, Status
+
+_DEFAULT = defaults("trajectory_publisher")
 
 FOLLOWING = (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING)
 """States in which the motors follow, or are about to follow, the reference."""
@@ -45,9 +48,9 @@ class TrajectorySettings:
 
     name: TrajectoryName
     options: TrajectoryOptions
-    dwell: float = 1.0
-    stop_time: float = 0.5
-    max_gap: float = 0.1
+    dwell: float = _DEFAULT["dwell"]
+    stop_time: float = _DEFAULT["stop_time"]
+    max_gap: float = _DEFAULT["max_gap"]
 
 
 class TrajectoryComponent(Component):

@@ -15,6 +15,8 @@ import yaml
 from cspr_control.errors import ControlError
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py import topics
+from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.vocabulary import Controller, PayloadSource, controller_label
 
 TRAJECTORIES = [
@@ -29,27 +31,13 @@ _RELAXED_WATCHDOGS = {
     "rpdo": 1.0,
     "heartbeat_consumer": 2.0,
 }  # s, in can.yaml
-_RELAXED_AGES = {"motor_states": 1.0, "setpoint": 1.0, "cable_tensions": 1.0, "platform_pose": 1.0}  # s
-_RELAXED_TIMES = {"following_error_time": 0.2}  # s, of the supervisor
-
-# Parameters that count on the computer's clock, and so have to be told of a slower machine.
-_DURATIONS = {
-    "/**": ("setpoint_timeout",),
-    "feedforward": ("payload_timeout",),
-    "mass_estimator": ("time_constant", "tensions_timeout", "pose_timeout"),
-    "supervisor": (
-        "following_error_time",
-        "tension_min_time",
-        "tension_max_time",
-        "motor_speed_time",
-        "tension_difference_time",
-        "stuck_time",
-        "enable_timeout",
-        "stop_timeout",
-        "drive_timeout",
-    ),
-}
-_RATES = {"feedforward": ("switch_slew",), "mass_estimator": ("mass_rate_limit",)}
+_RELAXED_LIMITS = {
+    "max_age.motor_states": 1.0,
+    "max_age.setpoint": 1.0,
+    "max_age.cable_tensions": 1.0,
+    "max_age.platform_pose": 1.0,
+    "following_error_time": 0.2,
+}  # s, of the supervisor
 
 
 class DemoError(ControlError):
@@ -110,30 +98,22 @@ class Scenario:
         with _edited(target / "can.yaml") as can:
             if not self.realtime:
                 _relax(can["timeouts"], _RELAXED_WATCHDOGS)
-        with _edited(target / "control.yaml") as control:
-            control["trajectory_publisher"]["ros__parameters"]["trajectory"] = self.trajectory
-            feedforward = control["feedforward"]["ros__parameters"]
-            feedforward["model"] = str(self.controller.model)
-            # the truth comes over the same path as the estimate would
-            payload = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
-            feedforward["payload_source"] = str(payload)
-            supervisor = control["supervisor"]["ros__parameters"]
+        control_file = target / "control.yaml"
+        try:
+            control = ParameterFile.from_yaml(control_file)
             if not self.realtime:
-                _relax(supervisor["max_age"], _RELAXED_AGES)
-                _relax(supervisor, _RELAXED_TIMES)
+                limits = control.values("supervisor")
+                _relax(limits, _RELAXED_LIMITS)
+                control.change("supervisor", {name: limits[name] for name in _RELAXED_LIMITS})
             if self.speed != 1.0:
-                self._slow_down(control)
-
-    def _slow_down(self, control: dict[str, Any]) -> None:
-        for node, names in _DURATIONS.items():
-            for name in names:
-                control[node]["ros__parameters"][name] /= self.speed
-        for node, names in _RATES.items():
-            for name in names:
-                control[node]["ros__parameters"][name] *= self.speed
-        ages = control["supervisor"]["ros__parameters"]["max_age"]
-        for name in ages:
-            ages[name] /= self.speed
+                control.slow_down(self.speed)
+        except ParameterError as error:
+            raise DemoError(f"{control_file} is not as the demo needs it: {error}") from error
+        # the truth comes over the same path as the estimate would
+        payload = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
+        control.change("feedforward", {"model": str(self.controller.model), "payload_source": str(payload)})
+        control.change("trajectory_publisher", {"trajectory": self.trajectory})
+        control_file.write_text(control.text(), encoding="utf-8")
 
     def control_arguments(self) -> list[str]:
         """ROS arguments of the control nodes."""

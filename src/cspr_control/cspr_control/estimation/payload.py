@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from cspr_control.errors import MeasurementError, SettingError
 from cspr_control.estimation.payload_measurement import PayloadMeasurement, measure_payload
 from cspr_kinematics import Payload, Pose, Robot
+from cspr_msgs_py.parameters.table import defaults
+
+_DEFAULT = defaults("mass_estimator")
 
 UPDATE_PERIOD = 0.02
 """Of the estimates, s."""
@@ -60,19 +63,19 @@ class EstimatorSettings:
         Ages from which the inputs count as stale, s.
     """
 
-    time_constant: float = 0.4
-    mass_rate_limit: float = 150.0
-    center_rate_limit: float = 0.2
-    max_payload: float = 300.0
-    max_offset: float = 0.15
-    minimum_mass: float = 5.0
-    payload_height: float = 0.0
-    slack_tension: float = 10.0
-    max_speed: float = 0.6
-    max_angular_speed: float = 0.3
-    max_sideways_ratio: float = 0.1
-    tensions_timeout: float = 0.1
-    pose_timeout: float = 0.2
+    time_constant: float = _DEFAULT["time_constant"]
+    mass_rate_limit: float = _DEFAULT["mass_rate_limit"]
+    center_rate_limit: float = _DEFAULT["center_rate_limit"]
+    max_payload: float = _DEFAULT["max_payload"]
+    max_offset: float = _DEFAULT["max_offset"]
+    minimum_mass: float = _DEFAULT["minimum_mass"]
+    payload_height: float = _DEFAULT["payload_height"]
+    slack_tension: float = _DEFAULT["slack_tension"]
+    max_speed: float = _DEFAULT["max_speed"]
+    max_angular_speed: float = _DEFAULT["max_angular_speed"]
+    max_sideways_ratio: float = _DEFAULT["max_sideways_ratio"]
+    tensions_timeout: float = _DEFAULT["tensions_timeout"]
+    pose_timeout: float = _DEFAULT["pose_timeout"]
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -22,11 +22,13 @@ from cspr_kinematics import (
     available_wrenches,
     feedforward_tensions,
 )
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStatus
 
 LARGEST_OFFSET = 10.0
 """Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
 
+_DEFAULT = defaults("feedforward")
 _AT_REST = Twist.zero()
 _UNACCELERATED = Acceleration.zero()
 
@@ -52,13 +54,13 @@ class FeedforwardSettings:
         `cspr_kinematics.bounded_methods`.
     """
 
-    model: FeedforwardModel = FeedforwardModel.DYNAMIC
-    payload_source: PayloadSource = PayloadSource.ESTIMATED
+    model: FeedforwardModel = field(default=FeedforwardModel(_DEFAULT["model"]))
+    payload_source: PayloadSource = field(default=PayloadSource(_DEFAULT["payload_source"]))
     nominal_payload: Payload = field(default_factory=Payload.none)
-    max_payload: float = 300.0
-    payload_timeout: float = 0.5
-    switch_slew: float = 2.0
-    tension_method: Method = "closest"
+    max_payload: float = _DEFAULT["max_payload"]
+    payload_timeout: float = _DEFAULT["payload_timeout"]
+    switch_slew: float = _DEFAULT["switch_slew"]
+    tension_method: Method = _DEFAULT["tension_method"]
 
     def __post_init__(self) -> None:
         for name in ("max_payload", "payload_timeout", "switch_slew"):

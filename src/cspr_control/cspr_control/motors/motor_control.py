@@ -11,7 +11,9 @@ from enum import Enum
 
 from cspr_control.errors import SettingError
 from cspr_kinematics import Motor
+from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT, defaults
 
+_DEFAULT = defaults("motor_controller_K")
 _NANOSECOND = 1e-9
 
 
@@ -36,10 +38,10 @@ class MotorGains:
         If a gain is not finite, negative, or a share above one; or the smoothing speed is zero.
     """
 
-    kp: float = 3.0
-    kd: float = 0.1
-    friction_compensation: float = 1.0
-    friction_smoothing_speed: float = 1.0
+    kp: float = _DEFAULT["kp"]
+    kd: float = _DEFAULT["kd"]
+    friction_compensation: float = _DEFAULT["friction_compensation"]
+    friction_smoothing_speed: float = _DEFAULT["friction_smoothing_speed"]
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -129,7 +131,9 @@ class MotorController:
         "saturations",
     )
 
-    def __init__(self, motor: Motor, gains: MotorGains, setpoint_timeout: float = 0.05) -> None:
+    def __init__(
+        self, motor: Motor, gains: MotorGains, setpoint_timeout: float = SETPOINT_TIMEOUT.default
+    ) -> None:
         if not (math.isfinite(setpoint_timeout) and setpoint_timeout > 0.0):
             raise SettingError(
                 f"setpoint_timeout is {setpoint_timeout} s; it must be finite and more than zero"

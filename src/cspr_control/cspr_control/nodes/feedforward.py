@@ -13,12 +13,13 @@ from rclpy.node import Node
 
 from cspr_control.errors import PayloadError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, Setpoint
-from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
-from cspr_control.parameters.tables import FEEDFORWARD, feedforward_settings
+from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.parameters.settings import feedforward_settings
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import KinematicsError
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, subscribe, subscribe_raw
 from cspr_msgs_py.topics import PAYLOAD, REFERENCE, SETPOINT, motor_names
 from cspr_msgs_py.vocabulary import FeedforwardModel, Level, PayloadStatus
@@ -35,9 +36,9 @@ class FeedforwardNode(Node):
         super().__init__("feedforward", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        names = declare_all(self, FEEDFORWARD)
+        declare_all(self)
         build = partial(feedforward_settings, robot.number_of_cables)
-        parameters = ChangeableParameters(self, names, build, self._apply)
+        parameters = ChangeableParameters(self, build, self._apply)
         self._robot = robot
         self._feedforward = Feedforward(robot, parameters.settings)
         self._reference_codec = ReferenceCodec()

@@ -12,11 +12,12 @@ from rclpy.node import Node
 
 from cspr_control.errors import MeasurementError
 from cspr_control.estimation.payload import UPDATE_PERIOD, EstimatorSettings, PayloadEstimator
-from cspr_control.nodes.parameters import ChangeableParameters, declare_all, declare_robot
-from cspr_control.parameters.tables import MASS_ESTIMATOR, estimator_settings
+from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.parameters.settings import estimator_settings
 from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
@@ -39,8 +40,8 @@ class MassEstimatorNode(Node):
         super().__init__("mass_estimator", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        names = declare_all(self, MASS_ESTIMATOR)
-        parameters = ChangeableParameters(self, names, estimator_settings, self._apply)
+        declare_all(self)
+        parameters = ChangeableParameters(self, estimator_settings, self._apply)
         self._estimator = PayloadEstimator(robot, parameters.settings)
         self._codec = JointStateCodec(cable_names(robot.number_of_cables), position=False, velocity=False)
         self._unusable = 0

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
 
 from cspr_control.motors.motor_control import MotorGains
-from cspr_control.nodes.gain_parameters import declare_gains
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.parameters import declare_control_period, declare_robot
+from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.parameters.settings import motor_gains
+from cspr_msgs_py.runtime.parameters import declare_all
 
 
 class MotorControlGains(Node):
@@ -27,7 +29,8 @@ class MotorControlGains(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("motor_control_gains", **options)
         robot = declare_robot(self)
-        parameters = declare_gains(self, robot, declare_control_period(self), self._apply)
+        declare_all(self)
+        parameters = ChangeableParameters(self, partial(motor_gains, robot), self._apply)
         self.controllers = tuple(
             MotorControllerNode(motor, parameters.settings, robot, **options)
             for motor in range(1, robot.number_of_cables + 1)

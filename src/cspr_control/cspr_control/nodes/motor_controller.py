@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,11 +13,13 @@ from rclpy.node import Node
 
 from cspr_control.errors import SettingError
 from cspr_control.motors.motor_control import MotorController, MotorGains
-from cspr_control.nodes.gain_parameters import declare_gains
-from cspr_control.nodes.parameters import declare_control_period, declare_robot
+from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.parameters.settings import motor_gains
 from cspr_kinematics import Robot
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.runtime.process import LEAN_NODE, Diagnostics, advertise, declare, run_nodes, subscribe_raw
+from cspr_msgs_py.parameters.table import MOTOR, SETPOINT_TIMEOUT
+from cspr_msgs_py.runtime.parameters import declare, declare_all
+from cspr_msgs_py.runtime.process import LEAN_NODE, Diagnostics, advertise, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, motor_command, motor_names
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.conversions import diagnostic_status
@@ -51,19 +54,10 @@ class MotorControllerNode(Node):
         count = robot.number_of_cables
         if not 1 <= motor <= count:
             raise SettingError(f"parameter motor: {motor}; the motors of {robot.name} are 1 to {count}")
-        timeout = declare(
-            self,
-            "setpoint_timeout",
-            0.05,
-            "Age at which a set-point is no longer used",
-            minimum=1e-3,
-            maximum=1.0,
-            unit="s",
-            read_only=True,
-        )
+        timeout = declare(self, SETPOINT_TIMEOUT)
         if gains is None:
-            period = declare_control_period(self)
-            gains = declare_gains(self, robot, period, self.set_gains).settings
+            declare_all(self, "motor_controller_K")
+            gains = ChangeableParameters(self, partial(motor_gains, robot), self.set_gains).settings
         self._index = motor - 1
         self._controller = MotorController(robot.motor, gains, timeout)
         self._codec = JointStateCodec(motor_names(count))
@@ -119,7 +113,7 @@ def _create() -> Sequence[Node]:
     # The motor decides the node's name, so it must be known before the node exists.
     selector = Node("motor_controller", **LEAN_NODE)
     try:
-        motor = declare(selector, "motor", 1, "Motor to control, counted from 1", minimum=1, read_only=True)
+        motor = declare(selector, MOTOR)
     finally:
         selector.destroy_node()
     return [MotorControllerNode(motor)]

@@ -1,8 +1,8 @@
-"""Parameters that several nodes of this package declare, and groups that change together."""
+"""The robot of a node, and parameters that change together while it runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
@@ -10,9 +10,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cspr_control.errors import ControlError
-from cspr_control.parameters.tables import NodeParameter
 from cspr_kinematics import KinematicsError, Robot
-from cspr_msgs_py.runtime.process import declare
+from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.parameters.table import ROBOT_CONFIG, node_parameters
+from cspr_msgs_py.runtime.parameters import declare
 
 Settings = TypeVar("Settings")
 
@@ -25,44 +26,19 @@ def declare_robot(node: Node) -> Robot:
     cspr_kinematics.ConfigurationFileError
         If the file is missing or does not describe a robot.
     """
-    path = declare(node, "robot_config", "config/robot.yaml", "File that describes the robot", read_only=True)
-    return Robot.from_yaml(path)
-
-
-def declare_control_period(node: Node) -> float:
-    """Declare ``control_rate`` and return the period of the control cycle, s."""
-    rate: float = declare(
-        node,
-        "control_rate",
-        250.0,
-        "Rate of the control cycle, as the bus driver runs it",
-        minimum=1.0,
-        maximum=2000.0,
-        unit="Hz",
-        read_only=True,
-    )
-    return 1.0 / rate
-
-
-def declare_all(node: Node, parameters: Sequence[NodeParameter]) -> tuple[str, ...]:
-    """Declare the parameters of a table and return their names."""
-    for p in parameters:
-        declare(node, p.name, p.default, p.description, minimum=p.minimum, maximum=p.maximum, unit=p.unit)
-    return tuple(p.name for p in parameters)
+    return Robot.from_yaml(declare(node, ROBOT_CONFIG))
 
 
 class ChangeableParameters(Generic[Settings]):
-    """Parameters that may change while the node runs, taken together as one validated object.
+    """The parameters of a node as one validated object, which changes with those that may change while it runs.
 
-    A change is refused as a whole, with the reason, when ``build`` raises; else ``apply`` gets the new object
-    before the next callback of the node.
+    A change is refused as a whole, with the reason, when a value does not fit the table or ``build`` raises; else
+    ``apply`` gets the new object before the next callback of the node.
 
     Parameters
     ----------
     node
-        Node that has declared the parameters.
-    names
-        The parameters.
+        Node that has declared its parameters.
     build
         Makes the settings from the values by name.
     apply
@@ -80,14 +56,11 @@ class ChangeableParameters(Generic[Settings]):
     """
 
     def __init__(
-        self,
-        node: Node,
-        names: Sequence[str],
-        build: Callable[[dict[str, Any]], Settings],
-        apply: Callable[[Settings], None],
+        self, node: Node, build: Callable[[dict[str, Any]], Settings], apply: Callable[[Settings], None]
     ) -> None:
         self._node = node
-        self._names = tuple(names)
+        rows = node_parameters(node.get_name())
+        self._rows = {name: row for name, row in rows.items() if node.has_parameter(name)}
         self._build = build
         self._apply = apply
         self.settings = build(self._values())
@@ -95,18 +68,20 @@ class ChangeableParameters(Generic[Settings]):
         node.add_post_set_parameters_callback(self._take_over)
 
     def _values(self) -> dict[str, Any]:
-        return {name: self._node.get_parameter(name).value for name in self._names}
+        return {name: self._node.get_parameter(name).value for name in self._rows}
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
-        changes = {p.name: p.value for p in parameters if p.name in self._names}
         try:
+            changes = {
+                p.name: self._rows[p.name].checked(p.value) for p in parameters if p.name in self._rows
+            }
             if changes:
                 self._build(self._values() | changes)
-        except (ControlError, KinematicsError) as error:
+        except (ControlError, KinematicsError, ParameterError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _take_over(self, parameters: list[Parameter]) -> None:
-        if any(p.name in self._names for p in parameters):
+        if any(p.name in self._rows for p in parameters):
             self.settings = self._build(self._values())
             self._apply(self.settings)

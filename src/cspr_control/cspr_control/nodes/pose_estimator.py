@@ -9,11 +9,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from cspr_control.estimation.pose import PoseEstimator
-from cspr_control.nodes.parameters import declare_control_period, declare_robot
+from cspr_control.nodes.parameters import declare_robot
 from cspr_kinematics import KinematicsError
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, subscribe_raw
+from cspr_msgs_py.runtime.parameters import declare_all
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, motor_names
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.conversions import diagnostic_status, pose_stamped
@@ -30,11 +31,9 @@ class PoseEstimatorNode(Node):
         super().__init__("pose_estimator", **options)
         robot = declare_robot(self)
         warm_up(robot)  # compiling takes long, and must not fall into a control cycle
-        rate = declare(
-            self, "rate", 50.0, "Rate of the poses", minimum=1.0, maximum=1000.0, unit="Hz", read_only=True
-        )
+        values = declare_all(self)
         # Half a cycle less than the interval: jitter of the stamps must not push a pose to the next state.
-        self._interval = round((1.0 / rate - 0.5 * declare_control_period(self)) * _SECOND)
+        self._interval = round((1.0 / values["rate"] - 0.5 / values["control_rate"]) * _SECOND)
         self._estimator = PoseEstimator(robot)
         self._codec = JointStateCodec(motor_names(robot.number_of_cables))
         self._stamp = 0

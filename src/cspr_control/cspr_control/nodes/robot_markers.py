@@ -38,10 +38,10 @@ from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import KinematicsError, Payload, Pose
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
-    declare,
     run_nodes,
     steady_timer,
     subscribe,
@@ -91,16 +91,7 @@ class RobotMarkers(Node):
         super().__init__("robot_markers", **options)
         self._robot = declare_robot(self)
         warm_up(self._robot)
-        trail = declare(
-            self,
-            "trail",
-            20.0,
-            "How much of the path that the platform has followed is shown",
-            minimum=1.0,
-            maximum=600.0,
-            unit="s",
-            read_only=True,
-        )
+        trail = declare_all(self)["trail"]
         self._tensions_codec = JointStateCodec(
             cable_names(self._robot.number_of_cables), position=False, velocity=False
         )

@@ -18,14 +18,14 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cspr_control.nodes.parameters import declare_robot
-from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_control.parameters.settings import supervision_limits
+from cspr_control.supervision.checks import MonitoredInput
 from cspr_control.supervision.supervisor import Action, Decision, Supervisor
-from cspr_kinematics import Robot
 from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
-    declare,
     run_nodes,
     steady_timer,
     subscribe,
@@ -65,22 +65,6 @@ _SERVICES = {
     Action.STOP_TRAJECTORY: "/trajectory_publisher/stop",
 }
 
-_LIMITS = {
-    "following_error": ("Largest difference of desired and measured motor angle", "rad"),
-    "following_error_time": ("How long it may be exceeded", "s"),
-    "starting_error": ("Largest such difference with which the robot may be enabled", "rad"),
-    "tension_min_time": ("How long a tension may be below tension_min of the robot", "s"),
-    "tension_max_time": ("How long a tension may be above tension_max of the robot", "s"),
-    "motor_speed_time": ("How long a motor may be faster than speed_limit of the robot", "s"),
-    "workspace_margin": ("How far the platform may leave the workspace of the robot", "m"),
-    "tension_difference": ("Largest difference of a load cell and the torque of its motor", "N"),
-    "tension_difference_time": ("How long it may be exceeded", "s"),
-    "stuck_time": ("How long a load cell may show the very same value", "s"),
-    "enable_timeout": ("Time for the drives to become enabled", "s"),
-    "stop_timeout": ("Time for the trajectory to come to rest", "s"),
-    "drive_timeout": ("Time for the drives to become disabled or reset", "s"),
-}
-
 
 class SupervisorNode(Node):
     """Carries out what the state machine decides, and publishes its state."""
@@ -89,7 +73,7 @@ class SupervisorNode(Node):
         super().__init__("supervisor", **options)
         robot = declare_robot(self)
         count = robot.number_of_cables
-        self._supervisor = Supervisor(count, self._declare_limits(robot))
+        self._supervisor = Supervisor(count, supervision_limits(robot, declare_all(self)))
         self._motors = JointStateCodec(motor_names(count))
         self._cables = JointStateCodec(cable_names(count), position=False, velocity=False)
         self._arrived: dict[MonitoredInput, tuple[float, bytes]] = {}  # not looked into yet
@@ -122,45 +106,6 @@ class SupervisorNode(Node):
         self._diagnostics = Diagnostics(self, self._status)
         self._timer = steady_timer(self, _PERIOD, self._update)
         self._publish_state()
-
-    def _declare_limits(self, robot: Robot) -> SupervisionLimits:
-        default = SupervisionLimits()
-        values: dict[str, Any] = {
-            name: declare(
-                self,
-                name,
-                getattr(default, name),
-                description,
-                minimum=0.0,
-                maximum=1000.0,
-                unit=unit,
-                read_only=True,
-            )
-            for name, (description, unit) in _LIMITS.items()
-        }
-        ages = {
-            source: declare(
-                self,
-                f"max_age.{source.name.lower()}",
-                age,
-                f"Age from which {source.value} counts as stale",
-                minimum=0.01,
-                maximum=60.0,
-                unit="s",
-                read_only=True,
-            )
-            for source, age in default.max_ages.items()
-        }
-        return SupervisionLimits(
-            max_ages=ages,
-            tension_min=robot.tension_min,
-            tension_max=robot.tension_max,
-            motor_speed=robot.motor.speed_limit,
-            workspace_min=tuple(robot.workspace_min.tolist()),
-            workspace_max=tuple(robot.workspace_max.tolist()),
-            pay_out=robot.winch.ratio,
-            **values,
-        )
 
     def _note(self, source: MonitoredInput, message: bytes) -> None:
         # The checks run less often than the bus; what arrives in between is replaced unread.

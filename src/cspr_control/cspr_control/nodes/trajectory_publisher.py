@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -10,15 +11,17 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from cspr_control.components.trajectory import TrajectorySettings
 from cspr_control.errors import ControlError, TrajectoryError
-from cspr_control.nodes.parameters import ChangeableParameters, declare_control_period, declare_robot
-from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.parameters.settings import trajectory_settings
+from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
-from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import KinematicsError, Pose
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, subscribe, subscribe_raw
+from cspr_msgs_py.runtime.parameters import declare_all
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     MOTOR_STATES,
     PLATFORM_POSE,
@@ -36,13 +39,6 @@ from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 _FOLLOWING_STATES = (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING)
 """States in which the motors follow, or are about to follow, the reference."""
 
-_LIMITS = {
-    "speed": ("Speed limit of approach and move", 0.2, 10.0, "m/s"),
-    "acceleration": ("Acceleration limit of approach and move", 0.3, 100.0, "m/s^2"),
-    "angular_speed": ("Angular speed limit of approach and move", 0.2, 10.0, "rad/s"),
-    "angular_acceleration": ("Angular acceleration limit of approach and move", 0.4, 100.0, "rad/s^2"),
-}
-
 
 class TrajectoryPublisher(Node):
     """Plays the trajectory that the parameter ``trajectory`` names, from service ``start`` on.
@@ -54,30 +50,14 @@ class TrajectoryPublisher(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("trajectory_publisher", **options)
         self._robot = declare_robot(self)
-        self._period = round(declare_control_period(self) * SECOND)
-        names = self._declare_options()
-        self._options = ChangeableParameters(self, names, self._build, self._apply)
-        dwell = declare(
-            self,
-            "dwell",
-            1.0,
-            "Rest at the start of a trajectory before it begins",
-            minimum=0.0,
-            maximum=60.0,
-            unit="s",
-            read_only=True,
+        home = self._robot.home
+        values = declare_all(self, move_position=home.position.tolist(), move_orientation=home.euler.tolist())
+        self._period = round(SECOND / values["control_rate"])
+        self._options = ChangeableParameters(self, partial(trajectory_settings, self._robot), self._apply)
+        settings = self._options.settings
+        self._player = TrajectoryPlayer(
+            settings.options.limits, settings.dwell, settings.stop_time, settings.max_gap
         )
-        stop_time = declare(
-            self,
-            "stop_time",
-            0.5,
-            "Time to come to rest along the path",
-            minimum=0.01,
-            maximum=10.0,
-            unit="s",
-            read_only=True,
-        )
-        self._player = TrajectoryPlayer(self._options.settings[1].limits, dwell, stop_time)
         self._robot_state: RobotState | None = None
         self._unusable = 0
         self._problem = ""
@@ -95,56 +75,8 @@ class TrajectoryPublisher(Node):
         self._diagnostics = Diagnostics(self, self._status)
         self._publish_state()
 
-    def _declare_options(self) -> tuple[str, ...]:
-        home = self._robot.home
-        known = ", ".join(name.value for name in TrajectoryName)
-        declare(self, "trajectory", "paper-19", f"Trajectory that the next start plays: {known}")
-        declare(self, "move_position", home.position.tolist(), "Where move leads, in base", unit="m")
-        declare(
-            self,
-            "move_orientation",
-            home.euler.tolist(),
-            "Angles alpha, beta, gamma about z, y, x that move leads to",
-            unit="rad",
-        )
-        declare(
-            self,
-            "blend_time",
-            1.0,
-            "Time from rest to full pace of the smooth trajectories",
-            minimum=1e-3,
-            maximum=60.0,
-            unit="s",
-        )
-        declare(self, "hold_duration", 10.0, "How long hold lasts", minimum=0.0, maximum=1e6, unit="s")
-        for name, (description, default, maximum, unit) in _LIMITS.items():
-            declare(self, name, default, description, minimum=1e-3, maximum=maximum, unit=unit)
-        return (
-            "trajectory",
-            "move_position",
-            "move_orientation",
-            "blend_time",
-            "hold_duration",
-            *_LIMITS,
-        )
-
-    def _build(self, values: dict[str, Any]) -> tuple[TrajectoryName, TrajectoryOptions]:
-        name = TrajectoryName.parse(values["trajectory"])
-        for vector in ("move_position", "move_orientation"):
-            if len(values[vector]) != 3:
-                raise TrajectoryError(f"{vector} has {len(values[vector])} elements; 3 are needed")
-        options = TrajectoryOptions(
-            limits=MotionLimits(**{limit: values[limit] for limit in _LIMITS}),
-            goal=Pose.from_euler(values["move_position"], *values["move_orientation"]),
-            blend_time=values["blend_time"],
-            hold_duration=values["hold_duration"],
-        )
-        # Anything that does not fit is refused now rather than at the start.
-        make_trajectory(name, self._robot, self._robot.home, options)
-        return name, options
-
-    def _apply(self, settings: tuple[TrajectoryName, TrajectoryOptions]) -> None:
-        self._player.limits = settings[1].limits
+    def _apply(self, settings: TrajectorySettings) -> None:
+        self._player.limits = settings.options.limits
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -154,8 +86,8 @@ class TrajectoryPublisher(Node):
             present = self._player.held_pose  # where it rests; if it does not, start refuses
             if present is None:
                 raise TrajectoryError("no pose of the platform is known yet")
-            name, options = self._options.settings
-            self._player.start(make_trajectory(name, self._robot, present, options))
+            settings = self._options.settings
+            self._player.start(make_trajectory(settings.name, self._robot, present, settings.options))
         except (ControlError, KinematicsError) as error:
             response.message = f"refused: {error}"
             return response
@@ -248,10 +180,9 @@ class TrajectoryPublisher(Node):
         return True
 
     def _status(self) -> list[DiagnosticStatus]:
-        name, _ = self._options.settings
         idle = self._player.phase is TrajectoryPhase.IDLE
         values = {
-            "selected": name.value,
+            "selected": self._options.settings.name.value,
             "trajectory": self._player.trajectory_name,
             "references": self._references,
             "unusable_messages": self._unusable,

@@ -1,1 +1,1 @@
-"""Parameters of the nodes."""
+"""The settings that parameters make."""

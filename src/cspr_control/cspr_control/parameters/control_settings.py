@@ -1,30 +1,25 @@
-"""The settings of all components of the control graph, from the values of the nodes' parameters."""
+"""The settings of all components of the control graph."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
 
 from cspr_control.components.motor import MotorSettings
 from cspr_control.components.pose import PoseSettings
 from cspr_control.components.trajectory import TrajectorySettings
-from cspr_control.errors import TrajectoryError
 from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings
-from cspr_control.motors.motor_control import MotorGains
-from cspr_control.parameters.file import ParameterFile
-from cspr_control.parameters.tables import (
-    FEEDFORWARD,
-    MASS_ESTIMATOR,
+from cspr_control.parameters.settings import (
     estimator_settings,
     feedforward_settings,
-    parameter_values,
+    motor_gains,
+    supervision_limits,
+    trajectory_settings,
 )
-from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
-from cspr_control.reference.point_to_point import MotionLimits
-from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
-from cspr_kinematics import Pose, Robot
+from cspr_control.supervision.checks import SupervisionLimits
+from cspr_kinematics import Robot
+from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import CONTROL_RATE
 
 
 @dataclass(frozen=True)
@@ -32,7 +27,7 @@ class ControlSettings:
     """Settings of every component of the control graph; `period` is that of the control cycle, s."""
 
     trajectory: TrajectorySettings
-    period: float = 0.004
+    period: float = 1.0 / CONTROL_RATE.default
     feedforward: FeedforwardSettings = field(default_factory=FeedforwardSettings)
     motors: MotorSettings = field(default_factory=MotorSettings)
     pose: PoseSettings = field(default_factory=PoseSettings)
@@ -45,74 +40,17 @@ def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings
 
     Raises
     ------
-    ControlError, cspr_kinematics.KinematicsError
+    ControlError, cspr_kinematics.KinematicsError, cspr_msgs_py.errors.ParameterError
         If a value does not fit its parameter.
     """
-    estimator = parameter_values(MASS_ESTIMATOR, parameters.of("mass_estimator"))
-    feedforward = parameter_values(FEEDFORWARD, parameters.of("feedforward"))
-    motors = parameters.of("motor_control_gains")
-    period = 1.0 / motors.get("control_rate", 250.0)
+    gains = parameters.values("motor_control_gains")
+    controllers = parameters.values("motor_controller_1")
     return ControlSettings(
-        trajectory_settings(robot, parameters.of("trajectory_publisher")),
-        period,
-        feedforward_settings(robot.number_of_cables, feedforward),
-        MotorSettings(motor_gains(robot, period, motors), motors.get("setpoint_timeout", 0.1)),
-        PoseSettings(parameters.of("pose_estimator").get("rate", 50.0)),
-        estimator_settings(estimator),
-        supervision_limits(robot, parameters.of("supervisor")),
+        trajectory_settings(robot, parameters.values("trajectory_publisher")),
+        1.0 / gains["control_rate"],
+        feedforward_settings(robot.number_of_cables, parameters.values("feedforward")),
+        MotorSettings(motor_gains(robot, gains), controllers["setpoint_timeout"]),
+        PoseSettings(parameters.values("pose_estimator")["rate"]),
+        estimator_settings(parameters.values("mass_estimator")),
+        supervision_limits(robot, parameters.values("supervisor")),
     )
-
-
-def motor_gains(robot: Robot, period: float, values: Mapping[str, Any]) -> MotorGains:
-    """Return the gains of the motor controllers; raises SettingError where a slack motor would oscillate."""
-    gains = MotorGains(**{f.name: values[f.name] for f in fields(MotorGains) if f.name in values})
-    gains.require_sampled_stability(robot.motor.inertia, period)
-    return gains
-
-
-def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySettings:
-    """Return the settings of the player.
-
-    Raises
-    ------
-    ControlError, cspr_kinematics.KinematicsError
-        If they do not fit the robot: what does not is refused now rather than at the start.
-    """
-    name = TrajectoryName.parse(values.get("trajectory", TrajectoryName.PAPER_19.value))
-    home = robot.home
-    goal = {"move_position": home.position.tolist(), "move_orientation": list(home.euler)}
-    for vector in goal:
-        goal[vector] = values.get(vector, goal[vector])
-        if len(goal[vector]) != 3:
-            raise TrajectoryError(f"{vector} has {len(goal[vector])} elements; 3 are needed")
-    options = TrajectoryOptions(
-        limits=MotionLimits(**{limit.name: values[limit.name] for limit in fields(MotionLimits)}),
-        goal=Pose.from_euler(goal["move_position"], *goal["move_orientation"]),
-        **{name: values[name] for name in ("blend_time", "hold_duration") if name in values},
-    )
-    make_trajectory(name, robot, home, options)
-    others = {name: values[name] for name in ("dwell", "stop_time", "max_gap") if name in values}
-    return TrajectorySettings(name, options, **others)
-
-
-def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLimits:
-    """Return the limits of the supervisor: those of the robot, and the given ones; ages as ``max_age.setpoint``."""
-    default = SupervisionLimits()
-    of_robot: dict[str, Any] = {
-        "tension_min": robot.tension_min,
-        "tension_max": robot.tension_max,
-        "motor_speed": robot.motor.speed_limit,
-        "workspace_min": tuple(robot.workspace_min.tolist()),
-        "workspace_max": tuple(robot.workspace_max.tolist()),
-        "pay_out": robot.winch.ratio,
-    }
-    ages = {
-        source: values.get(f"max_age.{source.name.lower()}", default.max_ages[source])
-        for source in MonitoredInput
-    }
-    given = {
-        f.name: values[f.name]
-        for f in fields(SupervisionLimits)
-        if f.name in values and f.name not in of_robot
-    }
-    return SupervisionLimits(max_ages=ages, **of_robot, **given)

@@ -17,14 +17,7 @@ import yaml
 
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.estimation.payload import UPDATE_PERIOD
-from cspr_control.parameters.tables import (
-    FEEDFORWARD,
-    MASS_ESTIMATOR,
-    estimator_settings,
-    feedforward_settings,
-    known_parameter,
-    parameter_values,
-)
+from cspr_control.parameters.settings import estimator_settings, feedforward_settings
 from cspr_control.rerun.bag import write_rerun
 from cspr_control.rerun.comparison import (
     Comparison,
@@ -47,9 +40,10 @@ from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias
-from cspr_msgs_py.errors import MessagesError
+from cspr_msgs_py.errors import MessagesError, ParameterError
+from cspr_msgs_py.parameters.table import known_parameter
 
-NODES = {"mass_estimator": MASS_ESTIMATOR, "feedforward": FEEDFORWARD}
+NODES = ("mass_estimator", "feedforward")
 
 DESCRIPTION = """\
 Run the payload estimator and the feed-forward once more over a recorded bag, sample by sample, with the parameters
@@ -154,7 +148,7 @@ def _warnings_in_one_line() -> Iterator[None]:
 def _estimate(
     recording: Recording, given: dict[str, Any]
 ) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
-    settings, values = schedule(recording, "mass_estimator", MASS_ESTIMATOR, estimator_settings, given)
+    settings, values = schedule(recording, "mass_estimator", estimator_settings, given)
     tensions, poses = recording.tensions(), recording.poses()
     recorded, initial, first = None, None, 0
     published: Sequence[int] = []
@@ -181,7 +175,7 @@ def _answer(
     recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
 ) -> tuple[Setpoints, SetpointComparison, dict[str, Any]]:
     build = partial(feedforward_settings, recording.robot.number_of_cables)
-    settings, values = schedule(recording, "feedforward", FEEDFORWARD, build, given)
+    settings, values = schedule(recording, "feedforward", build, given)
     references = recording.references()
     payloads: Any = rerun
     if topic is not None:
@@ -201,8 +195,7 @@ def _known_before(recording: Recording, payloads: Inertias | EstimatedPayloads) 
 
     An estimator that begins leaves zero at a limited rate; a first estimate beyond that is not its first one.
     """
-    parameters = recording.configuration.parameters.of("mass_estimator")
-    rate_limit = parameter_values(MASS_ESTIMATOR, parameters)["mass_rate_limit"]
+    rate_limit = recording.configuration.parameters.values("mass_estimator")["mass_rate_limit"]
     if payloads.mass[0] <= 2.0 * rate_limit * UPDATE_PERIOD:
         return None
     return Payload(float(payloads.mass[0]), payloads.center_of_mass[0])
@@ -255,8 +248,9 @@ def _changes(arguments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[s
         except yaml.YAMLError:
             value = text
         try:
-            changes[node][parameter] = known_parameter(node, NODES[node], parameter).checked(value)
-        except SettingError as error:
+            row = known_parameter(node, parameter)
+            changes[node][parameter] = row.checked(value) if row else value
+        except ParameterError as error:
             raise SettingError(f"--set {argument}: {error}") from error
     return changes
 

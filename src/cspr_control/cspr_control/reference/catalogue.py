@@ -15,6 +15,9 @@ from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace
 from cspr_kinematics import Pose, Robot
+from cspr_msgs_py.parameters.table import defaults
+
+_DEFAULT = defaults("trajectory_publisher")
 
 
 class TrajectoryName(Enum):
@@ -63,8 +66,8 @@ class TrajectoryOptions:
 
     limits: MotionLimits
     goal: Pose
-    blend_time: float = 1.0
-    hold_duration: float = 10.0
+    blend_time: float = _DEFAULT["blend_time"]
+    hold_duration: float = _DEFAULT["hold_duration"]
 
 
 _PRINTED: dict[TrajectoryName, Callable[[NDArray[np.float64]], PaperTrajectory]] = {

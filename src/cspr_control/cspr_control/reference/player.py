@@ -8,7 +8,10 @@ from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Pose
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import UNDER_WAY, TrajectoryPhase
+
+_DEFAULT = defaults("trajectory_publisher")
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
@@ -45,7 +48,11 @@ class TrajectoryPlayer:
     """
 
     def __init__(
-        self, limits: MotionLimits, dwell: float = 1.0, stop_time: float = 0.5, max_gap: float = 0.1
+        self,
+        limits: MotionLimits,
+        dwell: float = _DEFAULT["dwell"],
+        stop_time: float = _DEFAULT["stop_time"],
+        max_gap: float = _DEFAULT["max_gap"],
     ) -> None:
         if not (dwell >= 0.0 and stop_time > 0.0):
             raise TrajectoryError(

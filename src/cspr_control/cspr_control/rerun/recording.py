@@ -12,15 +12,15 @@ import yaml
 from numpy.typing import NDArray
 
 from cspr_control.errors import ControlError, SettingError
-from cspr_control.parameters.file import ParameterFile
-from cspr_control.parameters.tables import NodeParameter, known_parameter, parameter_values
 from cspr_control.rerun.rerun import Schedule
 from cspr_kinematics import Robot
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.parameter_events import TOPIC as PARAMETER_EVENTS
 from cspr_msgs_py.bag.parameter_events import ParameterEvent, decode_parameter_event
 from cspr_msgs_py.bag.reader import Bag, Inertias, JointStates, Poses, References
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.errors import BagError, ParameterError
+from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import parameter_values
 
 CONTROL_FILE = "control.yaml"
 ROBOT_FILE = "robot.yaml"
@@ -63,7 +63,7 @@ class Configuration:
         """
         by_name = {PurePath(name).name: data for name, data in files.items()}
         control = _file(by_name, CONTROL_FILE, where)
-        parameters = ParameterFile.parse(control, f"{where}: {CONTROL_FILE}")
+        parameters = ParameterFile(control, f"{where}: {CONTROL_FILE}")
         robot_name = PurePath(str(parameters.of("feedforward").get("robot_config", ROBOT_FILE))).name
         text = _file(by_name, robot_name, where)
         try:
@@ -170,7 +170,6 @@ class Recording:
 def schedule(
     recording: Recording,
     node: str,
-    parameters: Sequence[NodeParameter],
     build: Callable[[Mapping[str, Any]], Settings],
     given: Mapping[str, Any],
 ) -> tuple[Schedule[Settings], dict[str, Any]]:
@@ -183,8 +182,8 @@ def schedule(
     ----------
     recording
         Where they come from.
-    node, parameters
-        Name of the node, and its parameters.
+    node
+        Name of the node.
     build
         Makes the settings from the values.
     given
@@ -199,23 +198,21 @@ def schedule(
     ControlError
         If a value does not fit its parameter.
     """
-    for name in given:
-        known_parameter(node, parameters, name)
     events = recording.parameter_events(node)
     declared: dict[str, Any] = {}
     for _, event in events:
         declared |= event.declared
     try:
-        recorded = parameter_values(parameters, recording.configuration.parameters.of(node), declared)
+        recorded = parameter_values(node, recording.configuration.parameters.of(node), declared)
         values = recorded
         changes = []
         for time, event in events:
-            changed = {name: value for name, value in event.changed.items() if name in values}
+            changed = {name: value for name, value in event.changed.items() if name in recorded}
             if changed:
-                values = parameter_values(parameters, values, changed)
-                changes.append((time, build(parameter_values(parameters, values, given))))
-        first = build(parameter_values(parameters, recorded, given))
-    except ControlError as error:
+                values = parameter_values(node, values, changed)
+                changes.append((time, build(parameter_values(node, values, given))))
+        first = build(parameter_values(node, recorded, given))
+    except (ControlError, ParameterError) as error:
         raise SettingError(f"{node}: {error}") from error
     return Schedule(first, tuple(changes)), recorded
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cspr_control.errors import SettingError
 from cspr_control.supervision.watch import LastingViolation
+from cspr_msgs_py.parameters.table import defaults
 
 
 class MonitoredInput(Enum):
@@ -64,14 +65,11 @@ _CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_
 """Inputs that the motors do not need to follow the reference to its rest."""
 
 
+_DEFAULT = defaults("supervisor")
+
+
 def _default_ages() -> dict[MonitoredInput, float]:
-    return {
-        MonitoredInput.MOTOR_STATES: 0.1,
-        MonitoredInput.CABLE_TENSIONS: 0.1,
-        MonitoredInput.SETPOINT: 0.1,
-        MonitoredInput.PLATFORM_POSE: 0.3,
-        MonitoredInput.DRIVE_STATES: 3.0,
-    }
+    return {source: _DEFAULT[f"max_age.{source.name.lower()}"] for source in MonitoredInput}
 
 
 @dataclass(frozen=True)
@@ -111,25 +109,25 @@ class SupervisionLimits:
     """
 
     max_ages: dict[MonitoredInput, float] = field(default_factory=_default_ages)
-    following_error: float = 12.0
-    following_error_time: float = 0.05
-    starting_error: float = 2.0
+    following_error: float = _DEFAULT["following_error"]
+    following_error_time: float = _DEFAULT["following_error_time"]
+    starting_error: float = _DEFAULT["starting_error"]
     tension_min: float = 50.0
-    tension_min_time: float = 0.5
+    tension_min_time: float = _DEFAULT["tension_min_time"]
     tension_max: float = 3000.0
-    tension_max_time: float = 0.1
+    tension_max_time: float = _DEFAULT["tension_max_time"]
     motor_speed: float = 450.0
-    motor_speed_time: float = 0.02
+    motor_speed_time: float = _DEFAULT["motor_speed_time"]
     workspace_min: tuple[float, float, float] = (-math.inf, -math.inf, -math.inf)
     workspace_max: tuple[float, float, float] = (math.inf, math.inf, math.inf)
-    workspace_margin: float = 0.05
+    workspace_margin: float = _DEFAULT["workspace_margin"]
     pay_out: float = 0.05 / 30.0
-    tension_difference: float = 250.0
-    tension_difference_time: float = 1.0
-    stuck_time: float = 1.0
-    enable_timeout: float = 5.0
-    stop_timeout: float = 3.0
-    drive_timeout: float = 5.0
+    tension_difference: float = _DEFAULT["tension_difference"]
+    tension_difference_time: float = _DEFAULT["tension_difference_time"]
+    stuck_time: float = _DEFAULT["stuck_time"]
+    enable_timeout: float = _DEFAULT["enable_timeout"]
+    stop_timeout: float = _DEFAULT["stop_timeout"]
+    drive_timeout: float = _DEFAULT["drive_timeout"]
 
     def __post_init__(self) -> None:
         others = ("max_ages", "workspace_min", "workspace_max")

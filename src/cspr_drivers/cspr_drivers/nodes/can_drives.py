@@ -21,10 +21,10 @@ from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.nodes.driver_messages import bus_status, drive_diagnostics, drive_states, not_configured
 from cspr_drivers.nodes.driver_node import DriverNode
 from cspr_msgs_py.errors import MessageError, StartError
+from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
-    declare,
     run_nodes,
     steady_timer,
     subscribe_raw,
@@ -51,15 +51,7 @@ class CanDrives(DriverNode):
         **options: Any,
     ) -> None:
         super().__init__("can_drives", config, ports, clock, **options)
-        self._rate = declare(
-            self,
-            "control_rate",
-            self.config.rate,
-            "rate of the control cycle that the controllers expect",
-            minimum=1.0,
-            unit="Hz",
-            read_only=True,
-        )
+        self._rate = declare_all(self, control_rate=self.config.rate)["control_rate"]
         names = motor_names(len(self.config.drives))
         self._codec = JointStateCodec(names)
         self._states = advertise(self, MOTOR_STATES)

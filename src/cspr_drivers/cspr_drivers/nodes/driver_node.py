@@ -15,7 +15,8 @@ from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import Clock
 from cspr_drivers.config.can_config import CanConfig
-from cspr_msgs_py.runtime.process import declare
+from cspr_msgs_py.parameters.table import AUTOSTART, CAN_CONFIG
+from cspr_msgs_py.runtime.parameters import declare
 
 
 class DriverNode(LifecycleNode):
@@ -51,9 +52,7 @@ class DriverNode(LifecycleNode):
             ports if isinstance(ports, SharedPorts) else SharedPorts(self.config, ports, clock)
         )
         self.active = False
-        self._autostart = declare(
-            self, "autostart", True, "configure and activate the node at its start", read_only=True
-        )
+        self._autostart = declare(self, AUTOSTART)
         self._ports: CanPorts | None = None
         self._error: Exception | None = None
         self._starting = False  # then what goes wrong ends the process, and is said there
@@ -182,5 +181,4 @@ class DriverNode(LifecycleNode):
 
 def load_config(node: Node) -> CanConfig:
     """Return the configuration that the node's parameter ``can_config`` names."""
-    path = declare(node, "can_config", "config/can.yaml", "file that describes the CAN side", read_only=True)
-    return CanConfig.from_yaml(Path(path))
+    return CanConfig.from_yaml(Path(declare(node, CAN_CONFIG)))

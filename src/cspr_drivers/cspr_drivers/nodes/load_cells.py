@@ -21,7 +21,8 @@ from cspr_drivers.nodes.driver_messages import (
     not_configured,
 )
 from cspr_drivers.nodes.driver_node import DriverNode
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer
+from cspr_msgs_py.runtime.parameters import declare_all
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer
 from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, cable_names
 from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
@@ -41,15 +42,7 @@ class LoadCells(DriverNode):
         **options: Any,
     ) -> None:
         super().__init__("load_cells", config, ports, clock, **options)
-        self._tare_limit = declare(
-            self,
-            "tare_limit",
-            100.0,
-            "largest tension of a cable that may be tared as slack",
-            minimum=0.0,
-            unit="N",
-            read_only=True,
-        )
+        tare_limit = declare_all(self)["tare_limit"]
         self._codec = JointStateCodec(
             cable_names(len(self.config.load_cells)), position=False, velocity=False
         )
@@ -59,7 +52,7 @@ class LoadCells(DriverNode):
         self._published: dict[str, str] | None = None
         self._since_published = 0.0
         self._master: LoadCellMaster | None = None
-        self.service("~/tare", lambda: self.master.tare(self._tare_limit))
+        self.service("~/tare", lambda: self.master.tare(tare_limit))
         steady_timer(self, WATCH_PERIOD, self._watch)
         steady_timer(self, STATE_PERIOD, self._watch_cells)
         self._diagnostics = Diagnostics(self, self._report)

@@ -20,13 +20,13 @@ from cspr_drivers.errors import DriverError
 from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
 from cspr_drivers.nodes.driver_node import load_config
 from cspr_drivers.nodes.load_cells import LoadCells
-from cspr_drivers.simulation.fault_injection import InjectedFault
 from cspr_drivers.simulation.plant.shared import PlantModel
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
 from cspr_msgs_py.errors import StartError
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer, subscribe
+from cspr_msgs_py.runtime.parameters import declare_all
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer, subscribe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.conversions import diagnostic_status, from_inertia_stamped, inertia_stamped
@@ -55,49 +55,20 @@ class SimulatedRobot(Node):
 
     def __init__(self, virtual: bool = True, **options: Any) -> None:
         super().__init__("simulated_robot", **options)
-        speed = declare(
-            self,
-            "speed",
-            1.0,
-            "seconds of the machine in a second of the computer; below 1, a slow computer keeps up with it",
-            minimum=0.01,
-            maximum=1.0,
-            read_only=True,
-        )
-        self.clock = COMPUTER if speed == 1.0 else SlowClock(speed)
         config = load_config(self)
         self.config = on_virtual_buses(config) if virtual else config
-        path = declare(
-            self,
-            "simulation_config",
-            "config/simulation.yaml",
-            "file with the true values of the simulated machine",
-            read_only=True,
-        )
-        simulation = SimulationConfig.from_yaml(path)
+        values = declare_all(self)
+        self.clock = COMPUTER if values["speed"] == 1.0 else SlowClock(values["speed"])
+        simulation = SimulationConfig.from_yaml(values["simulation_config"])
         eds_directory = Path(self.config.source).parent / "eds"
-        bus_timing = declare(
-            self,
-            "bus_timing",
-            False,
-            "whether frames take as long as on a real bus, at the cost of some more computing time",
-            read_only=True,
-        )
         self._emulator = RobotEmulator(
-            self.config, simulation, _plant(simulation), eds_directory, bus_timing, self.clock
+            self.config, simulation, _plant(simulation), eds_directory, values["bus_timing"], self.clock
         )
         self._payload = advertise(self, SIMULATED_PAYLOAD)
         subscribe(self, SET_SIMULATED_PAYLOAD, self._set_payload)
         self._refused_payloads = 0
         self._slack: tuple[int, ...] = ()
         self._slack_events = 0
-        names = ", ".join(fault.value for fault in InjectedFault)
-        declare(
-            self,
-            "fault",
-            "",
-            f"what ~/inject_fault injects, and where: 'drive_silent motor_3' for example; faults: {names}",
-        )
         self.add_on_set_parameters_callback(self._check_parameters)
         self.create_service(Trigger, "~/inject_fault", self._inject_fault)
         self.create_service(Trigger, "~/clear_faults", self._clear_faults)

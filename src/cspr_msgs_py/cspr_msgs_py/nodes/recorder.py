@@ -4,7 +4,7 @@ The topics of the table are subscribed at once, any other when it appears in the
 """
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,11 @@ from cspr_msgs_py.bag.bag_file import LOST, Attachment, BagFile, Compression, Sp
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.bag.writer import BagWriter
-from cspr_msgs_py.errors import MessageError, StartError
+from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.qos import compatible_profile, offered_qos, qos_profile
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, declare, run_nodes, steady_timer
+from cspr_msgs_py.runtime.parameters import declare_all
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer
 from cspr_msgs_py.runtime.recorder_intake import Intake
 from cspr_msgs_py.runtime.scheduling import set_background
 from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
@@ -59,24 +60,20 @@ class Recorder(Node):
         super().__init__("recorder", **options)
         self._refused: set[str] = set()  # topics that cannot be recorded
         self._failed = False
-        names = declare(
-            self,
-            "topics",
-            [""],
-            f"topics to record besides {EVENTS.name}; all, those that appear later too, if empty",
-            read_only=True,
-        )
+        values = declare_all(self)
+        names = values["topics"]
         self._chosen = {self.resolve_topic_name(name) for name in names if name}
         self._recorded = self._chosen and self._chosen | {EVENTS.name}
-        self._set_niceness()
-        self._bag = self._create_bag()
+        refusal = set_background(values["nice"])
+        if refusal is not None:
+            self.get_logger().warning(refusal)
+        self._bag = _create_bag(values)
         self._writer = BagWriter(self._bag)
         self._intake = Intake(
             options, lambda *topic: self._writer.add_topic(self._describe(*topic)), self._writer.write
         )
         self._events = advertise(self, EVENTS)
         self._marks = 0
-        declare(self, _MARK_TEXT, "", "text of the next mark, which ~/mark makes; a mark always has a number")
         for name, topic in _FIXED_TOPICS.items():
             if not self._recorded or name in self._recorded:
                 self._intake.subscribe(name, topic.type, qos_profile(topic), topic.latched)
@@ -112,56 +109,6 @@ class Recorder(Node):
         """Destroy the node and the one that holds its subscriptions."""
         self._intake.destroy()
         super().destroy_node()
-
-    def _set_niceness(self) -> None:
-        niceness = declare(
-            self,
-            "nice",
-            5,
-            "nice level of taking and writing messages",
-            minimum=0,
-            maximum=19,
-            read_only=True,
-        )
-        refusal = set_background(niceness)
-        if refusal is not None:
-            self.get_logger().warning(refusal)
-
-    def _create_bag(self) -> BagFile:
-        output = declare(
-            self,
-            "output",
-            "",
-            "directory of the bag, which must not exist yet; runs/<UTC time>/bag if empty",
-            read_only=True,
-        )
-        attach = declare(
-            self, "attach", [""], "files to keep inside the bag; config/*.yaml if empty", read_only=True
-        )
-        compression = declare(self, "compression", "zstd", "of the bag: zstd, lz4 or none", read_only=True)
-        size = declare(
-            self, "split_size", 0.0, "go on in a new file at this size, 0 for never",
-            minimum=0.0, unit="MB", read_only=True,
-        )  # fmt: skip
-        duration = declare(
-            self, "split_duration", 0.0, "go on in a new file after this time, 0 for never",
-            minimum=0.0, unit="s", read_only=True,
-        )  # fmt: skip
-        rate = declare(
-            self, "control_rate", 250.0, "noted in the bag", minimum=0.0, unit="Hz", read_only=True
-        )
-        if compression not in {member.value for member in Compression}:
-            raise StartError(f"parameter compression: {compression!r} is none of zstd, lz4, none")
-        started = datetime.now(UTC)
-        attached = [path for path in attach if path] or sorted(map(str, Path("config").glob("*.yaml")))
-        return BagFile(
-            output or Path("runs") / started.strftime("%Y%m%dT%H%M%SZ") / "bag",
-            recording_information(started, rate),
-            [Attachment.from_file(path) for path in attached],
-            Compression(compression),
-            start_ns=time.time_ns(),
-            split=Split(round(size * _MEGABYTE), round(duration * NANOSECONDS)),
-        )
 
     def _look_for_topics(self) -> None:
         """Subscribe to what has appeared in the graph; say so if the bag cannot be written any more."""
@@ -274,6 +221,20 @@ class Recorder(Node):
                 **{f"lost {name}": number for name, number in lost.items()},
             },
         )
+
+
+def _create_bag(values: Mapping[str, Any]) -> BagFile:
+    """Create the bag that the node's parameters ask for."""
+    started = datetime.now(UTC)
+    attached = [path for path in values["attach"] if path] or sorted(map(str, Path("config").glob("*.yaml")))
+    return BagFile(
+        values["output"] or Path("runs") / started.strftime("%Y%m%dT%H%M%SZ") / "bag",
+        recording_information(started, values["control_rate"]),
+        [Attachment.from_file(path) for path in attached],
+        Compression(values["compression"]),
+        start_ns=time.time_ns(),
+        split=Split(round(values["split_size"] * _MEGABYTE), round(values["split_duration"] * NANOSECONDS)),
+    )
 
 
 def _answer(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:

@@ -1,4 +1,4 @@
-"""Declaring parameters with description, unit and range."""
+"""Declaring the parameters of the table, with description, unit and range."""
 
 import math
 from typing import Any
@@ -7,58 +7,75 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
-from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.errors import ParameterError, StartError
+from cspr_msgs_py.parameters.row import NodeParameter
+from cspr_msgs_py.parameters.table import TABLE
 
 
-def declare(
-    node: Node,
-    name: str,
-    default: Any,
-    description: str,
-    *,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    unit: str = "",
-    read_only: bool = False,
-) -> Any:
+def declare(node: Node, row: NodeParameter, default: Any = None) -> Any:
     """Declare a parameter and return its value.
 
     Parameters
     ----------
-    node, name, default
-        The default also sets the type: bool, int, float, str or a list of one of these.
-    description, unit : str
-        Shown by ``ros2 param describe``.
-    minimum, maximum : float, optional
-        Inclusive range of an int or a float; checked whenever the parameter is set.
-    read_only : bool
-        Whether it keeps its first value while the node runs.
+    node : Node
+    row : NodeParameter
+    default
+        In place of that of the table, where it depends on the robot or on the buses.
 
     Raises
     ------
     StartError
-        If the value given on the command line or in a parameter file has another type, lies outside the range
-        or is not finite.
+        If the value given on the command line or in a parameter file has another type, lies outside the range,
+        is none of the choices or is not finite.
     """
-    descriptor = ParameterDescriptor(
-        description=f"{description} [{unit}]" if unit else description, read_only=read_only
-    )
-    if minimum is not None or maximum is not None:
-        if isinstance(default, float):
-            low = -math.inf if minimum is None else float(minimum)
-            high = math.inf if maximum is None else float(maximum)
+    descriptor = ParameterDescriptor(description=row.description, read_only=not row.changeable)
+    if row.minimum is not None or row.maximum is not None:
+        if row.kind is float:
+            low = -math.inf if row.minimum is None else float(row.minimum)
+            high = math.inf if row.maximum is None else float(row.maximum)
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
         else:
-            least = -(2**63) if minimum is None else int(minimum)
-            most = 2**63 - 1 if maximum is None else int(maximum)
+            least = -(2**63) if row.minimum is None else int(row.minimum)
+            most = 2**63 - 1 if row.maximum is None else int(row.maximum)
             descriptor.integer_range = [IntegerRange(from_value=least, to_value=most, step=1)]
     try:
-        value = node.declare_parameter(name, default, descriptor).value
+        value = node.declare_parameter(
+            row.name, row.default if default is None else default, descriptor
+        ).value
+        row.checked(value)
     except ParameterException as error:
-        integer_for_double = isinstance(default, float) and "'INTEGER'" in str(error)
+        integer_for_double = row.kind is float and "'INTEGER'" in str(error)
         hint = "; a double is written with a decimal point: 5.0" if integer_for_double else ""
-        raise StartError(f"parameter {name}: {error}{hint}") from error
-    numbers = [value] if isinstance(value, bool | int | float | str) else value
-    if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
-        raise StartError(f"parameter {name}: {value} is not a finite number")
+        raise StartError(f"parameter {row.name}: {error}{hint}") from error
+    except ParameterError as error:
+        raise StartError(f"parameter {error}") from error
     return value
+
+
+def declare_all(node: Node, table_name: str = "", **node_defaults: Any) -> dict[str, Any]:
+    """Declare the parameters that the table has for a node, but for those declared before.
+
+    Parameters
+    ----------
+    node : Node
+    table_name : str
+        Under which the table has them; by default the name of the node.
+    **node_defaults
+        Defaults, by parameter, that depend on the robot or on the buses.
+
+    Returns
+    -------
+    dict
+        The value of every parameter of the table by name.
+
+    Raises
+    ------
+    StartError
+        As `declare` does.
+    """
+    return {
+        row.name: node.get_parameter(row.name).value
+        if node.has_parameter(row.name)
+        else declare(node, row, node_defaults.get(row.name))
+        for row in TABLE[table_name or node.get_name()]
+    }

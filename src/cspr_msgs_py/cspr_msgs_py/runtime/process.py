@@ -24,7 +24,11 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
+from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.message_definitions import message_class
+from cspr_msgs_py.parameters.file import check_arguments
+from cspr_msgs_py.parameters.row import NodeParameter
+from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.scheduling import set_cpu, set_realtime_priority
@@ -35,7 +39,6 @@ __all__ = [
     "LEAN_NODE",
     "Diagnostics",
     "advertise",
-    "declare",
     "run_nodes",
     "steady_timer",
     "subscribe",
@@ -72,7 +75,7 @@ def run_nodes(
     Returns
     -------
     int
-        0 after SIGINT or SIGTERM, 1 after an error, 2 for arguments that nobody takes.
+        0 after SIGINT or SIGTERM, 1 after an error, 2 for arguments and parameters that nobody takes.
     """
     arguments = list(sys.argv if args is None else args)
     program = os.path.basename(arguments[0]) if arguments else "node"
@@ -87,7 +90,11 @@ def run_nodes(
                 file=sys.stderr,
             )
             return 2
+        check_arguments(arguments)
         return _run(factory, program, realtime)
+    except ParameterError as error:
+        _report(program, error)
+        return 2
     finally:
         rclpy.try_shutdown()
 
@@ -203,23 +210,19 @@ def _spin(nodes: Sequence[Node], stop: Future) -> None:
 
 
 def _set_scheduling(nodes: Sequence[Node], realtime: bool) -> None:
-    cpu = _largest(nodes, "cpu", -1, "CPU on which the whole process runs, -1 for any", 1023)
+    cpu = _largest(nodes, CPU)
     refusals = [set_cpu(cpu)] if cpu >= 0 else []
     if realtime:
-        description = "SCHED_FIFO priority of the process, 0 for normal scheduling"
-        priority = _largest(nodes, "realtime_priority", 0, description, 99)
+        priority = _largest(nodes, REALTIME_PRIORITY)
         refusals += [set_realtime_priority(priority)] if priority > 0 else []
     for refusal in refusals:
         if refusal is not None:
             nodes[0].get_logger().warning(refusal)
 
 
-def _largest(nodes: Sequence[Node], name: str, default: int, description: str, maximum: int) -> int:
+def _largest(nodes: Sequence[Node], row: NodeParameter) -> int:
     """Declare a parameter of the whole process on each of its nodes; return the largest value."""
-    return max(
-        declare(node, name, default, description, minimum=default, maximum=maximum, read_only=True)
-        for node in nodes
-    )
+    return max(declare(node, row) for node in nodes)
 
 
 def _make_safe(node: Node) -> int:

@@ -1,0 +1,100 @@
+"""The settings of the control graph, from the values of the nodes' parameters by name.
+
+Nodes give the values that they declare, a re-run or a simulated loop those of a parameter file: see
+`cspr_msgs_py.parameters.file.ParameterFile.values`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from cspr_control.components.trajectory import TrajectorySettings
+from cspr_control.errors import SettingError, TrajectoryError
+from cspr_control.estimation.payload import EstimatorSettings
+from cspr_control.motors.feedforward import FeedforwardSettings, checked_payload
+from cspr_control.motors.motor_control import MotorGains
+from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.point_to_point import MotionLimits
+from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_kinematics import Pose, Robot, bounded_methods
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
+
+Settings = TypeVar("Settings")
+
+
+def motor_gains(robot: Robot, values: Mapping[str, Any]) -> MotorGains:
+    """Return the gains of the motor controllers; raises SettingError, also if kd is too large for the motor."""
+    gains = _of(MotorGains, values)
+    gains.require_sampled_stability(robot.motor.inertia, 1.0 / values["control_rate"])
+    return gains
+
+
+def estimator_settings(values: Mapping[str, Any]) -> EstimatorSettings:
+    """Return the settings of the payload estimator; raises SettingError."""
+    return _of(EstimatorSettings, values)
+
+
+def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> FeedforwardSettings:
+    """Return the settings of the feed-forward of a robot; raises SettingError or PayloadError."""
+    methods = bounded_methods(number_of_cables)
+    if values["tension_method"] not in methods:
+        raise SettingError(
+            f"tension_method is {values['tension_method']!r}; for this robot there are {', '.join(methods)}"
+        )
+    limit = values["max_payload"]
+    return FeedforwardSettings(
+        model=FeedforwardModel(values["model"]),
+        payload_source=PayloadSource(values["payload_source"]),
+        nominal_payload=checked_payload(
+            "nominal payload", values["nominal_payload_mass"], values["nominal_payload_center"], limit
+        ),
+        max_payload=limit,
+        payload_timeout=values["payload_timeout"],
+        switch_slew=values["switch_slew"],
+        tension_method=values["tension_method"],
+    )
+
+
+def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySettings:
+    """Return the settings of the player.
+
+    Raises
+    ------
+    ControlError, cspr_kinematics.KinematicsError
+        If they do not fit the robot: what does not is refused now rather than at the start.
+    """
+    name = TrajectoryName.parse(values["trajectory"])
+    home = {"move_position": robot.home.position, "move_orientation": robot.home.euler}
+    goal = {vector: values.get(vector, default) for vector, default in home.items()}
+    for vector, elements in goal.items():
+        if len(elements) != 3:
+            raise TrajectoryError(f"{vector} has {len(elements)} elements; 3 are needed")
+    options = TrajectoryOptions(
+        limits=_of(MotionLimits, values),
+        goal=Pose.from_euler(goal["move_position"], *goal["move_orientation"]),
+        blend_time=values["blend_time"],
+        hold_duration=values["hold_duration"],
+    )
+    make_trajectory(name, robot, robot.home, options)
+    return TrajectorySettings(name, options, values["dwell"], values["stop_time"], values["max_gap"])
+
+
+def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLimits:
+    """Return the limits of the supervisor of a robot; raises SettingError."""
+    of_robot = {
+        "max_ages": {source: values[f"max_age.{source.name.lower()}"] for source in MonitoredInput},
+        "tension_min": robot.tension_min,
+        "tension_max": robot.tension_max,
+        "motor_speed": robot.motor.speed_limit,
+        "workspace_min": tuple(robot.workspace_min.tolist()),
+        "workspace_max": tuple(robot.workspace_max.tolist()),
+        "pay_out": robot.winch.ratio,
+    }
+    return _of(SupervisionLimits, {**values, **of_robot})
+
+
+def _of(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
+    """Return the settings whose fields are named as the parameters are."""
+    return kind(**{field.name: values[field.name] for field in fields(kind)})  # type: ignore[arg-type]

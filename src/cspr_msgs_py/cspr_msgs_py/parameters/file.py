@@ -1,0 +1,145 @@
+"""Parameter files of ROS 2 nodes, and parameters on the command line, without ROS.
+
+A file maps the names of nodes to ``ros__parameters``; the node ``/**`` stands for all of them. Nested mappings
+become names with dots. Source: the ROS 2 design article "ROS 2 Parameters", YAML syntax of ``--params-file``.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.parameters.table import ALL_NODES, TABLE, known_parameter, node_parameters, parameter_values
+
+
+class ParameterFile:
+    """The parameters that a file gives to nodes.
+
+    Parameters
+    ----------
+    text : str or bytes
+        The file's content.
+    name : str
+        Name of the file in errors.
+
+    Raises
+    ------
+    ParameterError
+        If the content is not that of a parameter file, something stands in it twice, or a node of ours has no such
+        parameter; nodes that are not ours are passed over.
+    """
+
+    def __init__(self, text: str | bytes, name: str) -> None:
+        self.name = name
+        self._nodes: dict[str, dict[str, Any]] = {}
+        try:
+            root = yaml.compose(text, yaml.SafeLoader)
+            if not isinstance(root, yaml.MappingNode):
+                raise ParameterError(f"{name} is not a parameter file: it maps no names of nodes")
+            self._read_nodes(root, "")
+        except (
+            yaml.YAMLError,
+            ValueError,
+            RecursionError,
+        ) as error:  # no text, no number, no end of brackets
+            raise ParameterError(f"{name} is not YAML: {' '.join(str(error).split())}") from error
+
+    @staticmethod
+    def from_yaml(path: str | Path) -> "ParameterFile":
+        """Read a file; raises ParameterError as the constructor does, also if it cannot be read."""
+        try:
+            return ParameterFile(Path(path).read_bytes(), str(path))
+        except OSError as error:
+            raise ParameterError(f"cannot read {path}: {error.strerror}") from error
+
+    def of(self, node: str) -> dict[str, Any]:
+        """Return the given parameters of a node by name; what is said of it alone beats what is said of all."""
+        return self._nodes.get(ALL_NODES, {}) | self._nodes.get(node, {})
+
+    def values(self, node: str) -> dict[str, Any]:
+        """Return all parameters of a node of ours by name, given ones and defaults; raises ParameterError."""
+        return parameter_values(node, self.of(node))
+
+    def change(self, node: str, values: Mapping[str, Any]) -> None:
+        """Give parameters of a node, or of all nodes, other values."""
+        self._nodes.setdefault(node, {}).update(values)
+
+    def slow_down(self, speed: float) -> None:
+        """Stretch what depends on the computer's clock for a machine that runs at `speed` of real time."""
+        for node, values in self._nodes.items():
+            for name, value in values.items():
+                row = known_parameter(node, name)
+                values[name] = row.in_slow_motion(row.checked(value), speed) if row and row.stretch else value
+        everywhere = self._nodes.setdefault(ALL_NODES, {})
+        for node in TABLE:
+            for name, row in node_parameters(node).items():
+                if row.stretch and name not in self.of(node):
+                    everywhere[name] = row.in_slow_motion(row.default, speed)
+
+    def text(self) -> str:
+        """Return the content of a file with these parameters."""
+        content = {node: {"ros__parameters": _nested(values)} for node, values in self._nodes.items()}
+        return str(yaml.safe_dump(content, sort_keys=False))
+
+    def _read_nodes(self, section: yaml.Node, path: str) -> None:
+        for key, value in self._items(section):
+            inner = f"{path}/{key.strip('/')}".lstrip("/")
+            if key == "ros__parameters" and isinstance(value, yaml.MappingNode):
+                name = path.rpartition("/")[2]
+                node = ALL_NODES if "*" in name else name
+                self._read_values(node, value, "")
+            elif isinstance(value, yaml.MappingNode) and key != "ros__parameters":
+                self._read_nodes(value, inner)
+            else:
+                raise ParameterError(
+                    f"{self.name} is not a parameter file: {path or inner} has no ros__parameters"
+                )
+
+    def _read_values(self, node: str, section: yaml.Node, prefix: str) -> None:
+        values = self._nodes.setdefault(node, {})
+        for key, value in self._items(section):
+            if isinstance(value, yaml.MappingNode):
+                self._read_values(node, value, f"{prefix}{key}.")
+                continue
+            try:
+                known_parameter(node, prefix + key)
+            except ParameterError as error:
+                raise ParameterError(f"{self.name}, line {value.start_mark.line + 1}: {error}") from error
+            values[prefix + key] = yaml.constructor.SafeConstructor().construct_document(value)
+
+    def _items(self, section: yaml.Node) -> Iterator[tuple[str, yaml.Node]]:
+        lines: dict[str, int] = {}
+        for key, value in section.value:
+            line, name = key.start_mark.line + 1, str(key.value)
+            if name in lines:
+                raise ParameterError(f"{self.name}, line {line}: {name} stands in line {lines[name]} already")
+            lines[name] = line
+            yield name, value
+
+
+def _nested(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the mapping whose names with dots are `values`."""
+    content: dict[str, Any] = {}
+    for name, value in values.items():
+        *path, last = name.split(".")
+        section = content
+        for key in path:
+            section = section.setdefault(key, {})
+        section[last] = value
+    return content
+
+
+def check_arguments(arguments: Sequence[str]) -> None:
+    """Refuse a command line with parameters, or files with such, that no node of ours knows; raises ParameterError."""
+    for option, value in pairwise(arguments):
+        if option == "--params-file":
+            ParameterFile.from_yaml(value)
+        elif option in ("-p", "--param"):
+            node, _, name = value.partition(":=")[0].rpartition(":")
+            try:
+                known_parameter(node.rpartition("/")[2] or ALL_NODES, name)
+            except ParameterError as error:
+                raise ParameterError(f"{option} {value}: {error}") from error

@@ -1,0 +1,303 @@
+"""Every parameter of every node: name, default, meaning, unit, range, and when it may change.
+
+This table is the only place where these are written down: the nodes declare it, the settings of the control graph
+take their defaults from it, and files, command lines and re-runs are checked against it. `config/control.yaml` shows
+what is worth changing; a test compares its values with the defaults here. Names and numbers only: nothing of ROS is
+imported, see :mod:`cspr_msgs_py.runtime.parameters` for that.
+"""
+
+import re
+from collections.abc import Mapping
+from difflib import get_close_matches
+from functools import partial
+from typing import Any
+
+from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.parameters.row import NodeParameter
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
+
+ALL_NODES = "/**"
+"""Stands for every node in files and on the command line."""
+
+_live = partial(NodeParameter, changeable=True)
+_DURATION, _RATE = 1, -1
+
+CPU = NodeParameter("cpu", -1, "CPU on which the whole process runs, -1 for any", "", -1, 1023)
+REALTIME_PRIORITY = NodeParameter(
+    "realtime_priority", 0, "SCHED_FIFO priority of the process, 0 for normal scheduling", "", 0, 99
+)
+ROBOT_CONFIG = NodeParameter("robot_config", "config/robot.yaml", "File that describes the robot")
+CAN_CONFIG = NodeParameter("can_config", "config/can.yaml", "File that describes the CAN side")
+CONTROL_RATE = NodeParameter(
+    "control_rate", 250.0, "Rate of the control cycle, as the bus driver runs it", "Hz", 1.0, 2000.0
+)
+MOTOR = NodeParameter("motor", 1, "Motor to control, counted from 1", "", 1)
+SETPOINT_TIMEOUT = NodeParameter(
+    "setpoint_timeout", 0.1, "Age at which a set-point is no longer used", "s", 1e-3, 1.0, stretch=_DURATION
+)
+_MAX_PAYLOAD = _live("max_payload", 300.0, "Largest payload that is estimated and believed", "kg", 0.1, 1e5)
+AUTOSTART = NodeParameter("autostart", True, "Configure and activate the node at its start")
+
+_GAINS = (
+    _live("kp", 2.0, "Proportional gain", "N m/rad", 0.0, 1000.0),
+    _live(
+        "kd", 0.1, "Derivative gain, below 2 J / T with the motor inertia J and the control period T",
+        "N m s/rad", 0.0, 100.0,
+    ),
+    _live(
+        "friction_compensation", 1.0, "Share of the motor's friction that is compensated at the desired speed",
+        "", 0.0, 1.0,
+    ),
+    _live(
+        "friction_smoothing_speed", 1.0,
+        "Desired motor speed at which the smoothed sign of the friction reaches tanh(1)", "rad/s", 1e-3, 100.0,
+    ),
+)  # fmt: skip
+
+_TRAJECTORIES = (
+    "hold", "move", "paper-18", "paper-19", "paper-19-tilt", "smooth-18", "smooth-19", "smooth-19-tilt"
+)  # fmt: skip
+
+
+def _limit(name: str, default: float, meaning: str, unit: str) -> NodeParameter:
+    """Return a limit of the supervisor; those in seconds are all on the computer's clock."""
+    stretch = _DURATION if unit == "s" else 0
+    return NodeParameter(name, default, meaning, unit, 0.0, 1000.0, stretch=stretch)
+
+
+def _max_age(topic: str, default: float) -> NodeParameter:
+    meaning = f"Age from which /{topic} counts as stale"
+    return NodeParameter(f"max_age.{topic}", default, meaning, "s", 0.01, 60.0, stretch=_DURATION)
+
+
+TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
+    "trajectory_publisher": (
+        ROBOT_CONFIG,
+        CONTROL_RATE,
+        _live("trajectory", "paper-19", "Trajectory that the next start plays", choices=_TRAJECTORIES),
+        _live("move_position", list, "Where move leads, in base; the home pose by default", "m"),
+        _live(
+            "move_orientation", list,
+            "Angles alpha, beta, gamma about z, y, x that move leads to; the home pose's by default", "rad",
+        ),
+        _live("hold_duration", 10.0, "How long hold lasts", "s", 0.0, 1e6),
+        _live("blend_time", 1.0, "Time from rest to full pace of the smooth trajectories", "s", 1e-3, 60.0),
+        _live("speed", 0.2, "Speed limit of approach and move", "m/s", 1e-3, 10.0),
+        _live("acceleration", 0.3, "Acceleration limit of approach and move", "m/s^2", 1e-3, 100.0),
+        _live("angular_speed", 0.2, "Angular speed limit of approach and move", "rad/s", 1e-3, 10.0),
+        _live(
+            "angular_acceleration", 0.4, "Angular acceleration limit of approach and move",
+            "rad/s^2", 1e-3, 100.0,
+        ),
+        NodeParameter("dwell", 1.0, "Rest at the start of a trajectory before it begins", "s", 0.0, 60.0),
+        NodeParameter("stop_time", 0.5, "Time to come to rest along the path", "s", 0.01, 10.0),
+        NodeParameter(
+            "max_gap", 0.1, "Longest time without motor states after which a trajectory still goes on",
+            "s", 0.01, 10.0, stretch=_DURATION,
+        ),
+    ),
+    "feedforward": (
+        ROBOT_CONFIG,
+        _live("model", "dynamic", "What the torque anticipates", choices=tuple(FeedforwardModel)),
+        _live("payload_source", "estimated", "Payload counted on", choices=tuple(PayloadSource)),
+        _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
+        _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m"),
+        _MAX_PAYLOAD,
+        _live(
+            "payload_timeout", 0.5, "Age from which an estimate counts as stale", "s", 1e-3, 60.0,
+            stretch=_DURATION,
+        ),
+        _live(
+            "switch_slew", 2.0, "Fastest change of a motor's torque by a switch of model, payload or tension method",
+            "N m/s", 1e-3, 1e4, stretch=_RATE,
+        ),
+        _live(
+            "tension_method", "closest", "How the wrench is distributed over the cables",
+            choices=("closest", "centroid", "analytic_center"),
+        ),
+    ),
+    "motor_control_gains": (ROBOT_CONFIG, CONTROL_RATE, *_GAINS),
+    "motor_controller": (MOTOR,),  # asked for first: it decides the name under which the node then runs
+    "motor_controller_K": (ROBOT_CONFIG, CONTROL_RATE, SETPOINT_TIMEOUT, *_GAINS),
+    "pose_estimator": (
+        ROBOT_CONFIG,
+        CONTROL_RATE,
+        NodeParameter("rate", 50.0, "Rate of the poses", "Hz", 1.0, 1000.0),
+    ),
+    "mass_estimator": (
+        ROBOT_CONFIG,
+        _live("time_constant", 0.4, "Time constant of the low-pass filter", "s", 1e-3, 60.0, stretch=_DURATION),
+        _live("mass_rate_limit", 150.0, "Fastest change of the published mass", "kg/s", 0.1, 1e4, stretch=_RATE),
+        _live(
+            "center_rate_limit", 0.2, "Fastest change of the published centre of mass", "m/s", 1e-3, 10.0,
+            stretch=_RATE,
+        ),
+        _MAX_PAYLOAD,
+        _live("max_offset", 0.15, "Largest coordinate of the centre of mass", "m", 1e-3, 10.0),
+        _live("minimum_mass", 5.0, "Payload below which no centre of mass is published", "kg", 0.1, 1e3),
+        _live("payload_height", 0.0, "Assumed z of the payload's centre of mass in platform", "m", -10.0, 10.0),
+        _live("slack_tension", 10.0, "Tension below which a cable counts as slack", "N", 0.1, 1e4),
+        _live("max_speed", 0.6, "Speed above which the estimate is held", "m/s", 1e-3, 100.0),
+        _live("max_angular_speed", 0.3, "Angular speed above which the estimate is held", "rad/s", 1e-3, 100.0),
+        _live(
+            "max_sideways_ratio", 0.1, "Horizontal force over vertical above which the estimate is held",
+            "", 1e-3, 10.0,
+        ),
+        _live(
+            "tensions_timeout", 0.1, "Age from which cable tensions count as stale", "s", 1e-3, 10.0,
+            stretch=_DURATION,
+        ),
+        _live(
+            "pose_timeout", 0.2, "Age from which the platform pose counts as stale", "s", 1e-3, 10.0,
+            stretch=_DURATION,
+        ),
+    ),
+    "supervisor": (
+        ROBOT_CONFIG,
+        _limit("following_error", 12.0, "Largest difference of desired and measured motor angle", "rad"),
+        _limit("following_error_time", 0.05, "How long it may be exceeded", "s"),
+        _limit("starting_error", 2.0, "Largest such difference with which the robot may be enabled", "rad"),
+        _limit("tension_min_time", 0.5, "How long a tension may be below tension_min of the robot", "s"),
+        _limit("tension_max_time", 0.1, "How long a tension may be above tension_max of the robot", "s"),
+        _limit("motor_speed_time", 0.02, "How long a motor may be faster than speed_limit of the robot", "s"),
+        _limit("workspace_margin", 0.05, "How far the platform may leave the workspace of the robot", "m"),
+        _limit("tension_difference", 250.0, "Largest difference of a load cell and the torque of its motor", "N"),
+        _limit("tension_difference_time", 1.0, "How long it may be exceeded", "s"),
+        _limit("stuck_time", 1.0, "How long a load cell may show the very same value", "s"),
+        _limit("enable_timeout", 5.0, "Time for the drives to become enabled", "s"),
+        _limit("stop_timeout", 3.0, "Time for the trajectory to come to rest", "s"),
+        _limit("drive_timeout", 5.0, "Time for the drives to become disabled or reset", "s"),
+        _max_age("motor_states", 0.2),
+        _max_age("setpoint", 0.2),
+        _max_age("cable_tensions", 0.2),
+        _max_age("platform_pose", 0.3),
+        _max_age("drive_states", 3.0),
+    ),
+    "robot_markers": (
+        ROBOT_CONFIG,
+        NodeParameter(
+            "trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0
+        ),
+    ),
+    "can_drives": (
+        CAN_CONFIG,
+        AUTOSTART,
+        NodeParameter(
+            "control_rate", float, "Rate of the control cycle that the controllers expect; that of can.yaml by "
+            "default", "Hz", 1.0,
+        ),
+    ),
+    "load_cells": (
+        CAN_CONFIG,
+        AUTOSTART,
+        NodeParameter("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0),
+    ),
+    "simulated_robot": (
+        CAN_CONFIG,
+        NodeParameter(
+            "simulation_config", "config/simulation.yaml", "File with the true values of the simulated machine"
+        ),
+        NodeParameter(
+            "speed", 1.0,
+            "Seconds of the machine in a second of the computer; below 1, a slow computer keeps up with it",
+            "", 0.01, 1.0,
+        ),
+        NodeParameter(
+            "bus_timing", False,
+            "Whether frames take as long as on a real bus, at the cost of some more computing time",
+        ),
+        _live(
+            "fault", "", "What ~/inject_fault injects, and where: 'drive_silent motor_3' for example; what is none is "
+            "answered with the list",
+        ),
+    ),
+    "recorder": (
+        NodeParameter("output", "", "Directory of the bag, which must not exist yet; runs/<UTC time>/bag if empty"),
+        NodeParameter(
+            "topics", [""], "Topics to record besides /events; all, those that appear later too, if empty"
+        ),
+        NodeParameter("attach", [""], "Files to keep inside the bag; config/*.yaml if empty"),
+        NodeParameter("compression", "zstd", "Of the bag", choices=("zstd", "lz4", "none")),
+        NodeParameter("split_size", 0.0, "Go on in a new file at this size, 0 for never", "MB", 0.0),
+        NodeParameter("split_duration", 0.0, "Go on in a new file after this time, 0 for never", "s", 0.0),
+        NodeParameter("nice", 5, "Nice level of taking and writing messages", "", 0, 19),
+        NodeParameter("control_rate", 250.0, "Noted in the bag", "Hz", 0.0),
+        _live("mark_text", "", "Text of the next mark, which ~/mark makes; a mark always has a number"),
+    ),
+}  # fmt: skip
+"""The parameters of each node; every node has those of its process besides."""
+
+_WITHOUT_PRIORITY = ("recorder", "robot_markers")  # the control loop comes first
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def node_parameters(node: str) -> dict[str, NodeParameter]:
+    """Return the parameters of a node by name, those of its process included; empty if it is none of ours."""
+    key = re.sub(r"^motor_controller_\d+$", "motor_controller_K", node)
+    if key not in TABLE:
+        return {}
+    process = (CPU,) if node in _WITHOUT_PRIORITY else (CPU, REALTIME_PRIORITY)
+    return {parameter.name: parameter for parameter in (*TABLE[key], *process)}
+
+
+def defaults(node: str) -> dict[str, Any]:
+    """Return the defaults of a node's parameters by name, without those that depend on its robot or its buses."""
+    rows = node_parameters(node).values()
+    return {row.name: row.default for row in rows if not isinstance(row.default, type)}
+
+
+def parameter_values(node: str, *given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the value of each parameter of a node of ours: the default, or the last one given.
+
+    Other names are passed over: what is said of all nodes serves many.
+
+    Raises
+    ------
+    ParameterError
+        If a value does not fit its parameter.
+    """
+    values = defaults(node)
+    for mapping in given:
+        for name, row in node_parameters(node).items():
+            if name in mapping:
+                values[name] = row.checked(mapping[name])
+    return values
+
+
+def known_parameter(node: str, name: str) -> NodeParameter | None:
+    """Return a parameter that somebody named, to be sure that it exists.
+
+    Parameters
+    ----------
+    node
+        Name of the node, or `ALL_NODES`: then it is enough that one of ours knows the parameter.
+    name
+        Name of the parameter.
+
+    Returns
+    -------
+    The parameter; None for those that ROS itself has, and for nodes that are not ours.
+
+    Raises
+    ------
+    ParameterError
+        If a node of ours has no such parameter, or the node's name is almost that of one; says what was probably meant.
+    """
+    everywhere = {name: row for each in TABLE for name, row in node_parameters(each).items()}
+    known = everywhere if node == ALL_NODES else node_parameters(node)
+    if not known:
+        if close := get_close_matches(node.lower(), TABLE, n=1, cutoff=0.8):
+            raise ParameterError(f"there is no node {node}; did you mean {close[0]}?")
+        return None
+    if name in known or name.startswith(_OF_ROS):
+        return known.get(name)
+    near = get_close_matches(name.lower(), known, n=1)
+    elsewhere = [name] if name in everywhere else near or get_close_matches(name.lower(), everywhere, n=1)
+    hint = "" if node == ALL_NODES else f"; it has {', '.join(known)}"
+    if elsewhere == near != []:
+        hint = f"; did you mean {near[0]}?"
+    elif elsewhere:
+        hint = f"; {next(each for each in TABLE if elsewhere[0] in node_parameters(each))} has {elsewhere[0]}"
+    raise ParameterError(
+        f"{'no node has a' if node == ALL_NODES else f'{node} has no'} parameter {name!r}{hint}"
+    )

@@ -1,0 +1,49 @@
+"""The settings that the parameters make, and their defaults."""
+
+from pathlib import Path
+
+import pytest
+
+from cspr_control.estimation.payload import EstimatorSettings
+from cspr_control.motors.feedforward import FeedforwardSettings
+from cspr_control.motors.motor_control import MotorGains
+from cspr_control.parameters.settings import (
+    estimator_settings,
+    feedforward_settings,
+    motor_gains,
+    supervision_limits,
+    trajectory_settings,
+)
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_control.supervision.checks import SupervisionLimits
+from cspr_kinematics import Robot, bounded_methods
+from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import known_parameter
+
+
+@pytest.fixture(scope="module")
+def file(robot_file: Path) -> ParameterFile:
+    return ParameterFile.from_yaml(robot_file.parent / "control.yaml")
+
+
+def test_the_shipped_file_makes_the_settings_that_there_are_without_it(file, robot: Robot) -> None:
+    assert motor_gains(robot, file.values("motor_control_gains")) == MotorGains()
+    assert estimator_settings(file.values("mass_estimator")) == EstimatorSettings()
+    settings = feedforward_settings(8, file.values("feedforward"))
+    assert settings.switch_slew == FeedforwardSettings().switch_slew == 2.0
+    limits = supervision_limits(robot, file.values("supervisor"))
+    assert limits.max_ages == SupervisionLimits().max_ages
+    assert limits.tension_max == robot.tension_max
+    trajectory = trajectory_settings(robot, file.values("trajectory_publisher"))
+    assert trajectory.name is TrajectoryName.PAPER_19
+    assert trajectory.options.limits.speed == 0.2
+
+
+def test_the_table_names_what_can_be_chosen() -> None:
+    for node, name, words in (
+        ("feedforward", "tension_method", bounded_methods(8)),
+        ("trajectory_publisher", "trajectory", [name.value for name in TrajectoryName]),
+    ):
+        row = known_parameter(node, name)
+        assert row is not None
+        assert row.choices == tuple(words)
