@@ -16,7 +16,7 @@ setup(
     install_requires=[
         "setuptools",
         "numpy",
-        "pyyaml",
+        "msgspec",
         "python-can",
         "canopen>=2.4",
         "cspr_kinematics",

@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from cspr_drivers.config.can_config import LoadCellChecks
+from cspr_drivers.config.can_file import LoadCellChecks
 from cspr_drivers.load_cells.cycle import TensionCycle
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.load_cells.stuck_cells import StuckCells

@@ -1,6 +1,6 @@
 import pytest
 
-from cspr_drivers.config.can_config import TorqueCheck
+from cspr_drivers.config.can_file import TorqueCheck
 from cspr_drivers.drives.torque_watch import TorqueWatch
 
 CYCLE = 0.004

@@ -34,6 +34,7 @@ ROSDEP_KEYS = {  # of what does not come from ROS itself: module, and the depend
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mcap_ros2": "mcap-ros2-support",
+    "msgspec": "python3-msgspec-pip",
     "mujoco": "python3-mujoco-pip",
     "numba": "python3-numba",
     "numpy": "python3-numpy",

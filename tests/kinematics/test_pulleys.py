@@ -279,14 +279,22 @@ def test_the_two_shipped_files_differ_by_their_pulleys(robot_file: Path, robot_w
     ("pulleys", "key", "reason"),
     [
         ({"radius": -0.05}, "pulleys.radius", "must not be negative"),
-        ({"radius": [0.05] * 7}, "pulleys.radius", "7 elements where 8"),
+        ({"radius": [0.05] * 7}, "pulleys.radius", "7 of them for 8 cables"),
         ({"radius": float("nan")}, "pulleys.radius", "finite"),
-        ({"radius": "big"}, "pulleys.radius", "must be a number"),
+        ({"radius": "big"}, "pulleys.radius", "must be a finite number"),
         ({"radius": 0.05, "swivel_axis": [0.0, 0.0, 0.0]}, "pulleys.swivel_axis", "no direction"),
-        ({"radius": 0.05, "swivel_axis": [0.0, 1.0]}, "pulleys.swivel_axis", "2 elements where 3"),
-        ({"radius": 0.05, "swivel_axis": [[0.0, 0.0, 1.0]] * 6}, "pulleys.swivel_axis", "6 elements where 8"),
+        (
+            {"radius": 0.05, "swivel_axis": [0.0, 1.0]},
+            "pulleys.swivel_axis",
+            r"shape \(2,\) where \(..., 3\)",
+        ),
+        (
+            {"radius": 0.05, "swivel_axis": [[0.0, 0.0, 1.0]] * 6},
+            "pulleys.swivel_axis",
+            "6 of them for 8 cables",
+        ),
         ({"radius": 0.05, "axis": UP}, "pulleys.axis", "unknown key"),
-        ({}, "pulleys.radius", "missing key"),
+        ({}, "pulleys.radius", "is missing"),
         (0.05, "pulleys", "must be a mapping"),
     ],
 )

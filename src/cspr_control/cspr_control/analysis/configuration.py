@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import yaml
-
 from cspr_control.errors import ControlError
-from cspr_kinematics import KinematicsError, Robot
+from cspr_kinematics import ConfigurationFileError, KinematicsError, Robot
+from cspr_kinematics.configuration.yaml_file import parse_yaml
 
 ROBOT_FILE = "robot.yaml"
 _CONTROL_FILE = "control.yaml"
@@ -46,7 +45,7 @@ class Configuration:
     robot_file: str
 
     def parsed(self, name: str) -> Any:
-        """Return the content of a YAML file; empty if it is none."""
+        """Return the content of a YAML file; its text if it is no mapping."""
         return parsed(self.files.get(name, ""))
 
 
@@ -88,7 +87,8 @@ def read_configuration(
         else:
             source = _name_of_robot_file(files)
             if source in files:
-                robot = Robot.from_mapping(parsed(files[source]), f"{source} in {bag}")
+                name = f"{source} in {bag}"
+                robot = Robot.from_mapping(parse_yaml(files[source], name), name)
             else:
                 source = str(directory / ROBOT_FILE)
                 robot = Robot.from_yaml(source)
@@ -224,8 +224,8 @@ def _short(value: Any) -> str:
 
 
 def parsed(text: str) -> Any:
-    """Return the content of YAML text; the text itself where it is none."""
+    """Return the mapping that YAML text holds; the text itself, or `None` for no text, where it holds none."""
     try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError:
-        return text
+        return parse_yaml(text, "")
+    except ConfigurationFileError:
+        return text or None

@@ -14,6 +14,8 @@ import yaml
 
 from cspr_control.errors import ControlError
 from cspr_control.reference.catalogue import TrajectoryName
+from cspr_kinematics import ConfigurationFileError
+from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
@@ -152,8 +154,8 @@ def _relax(limits: dict[str, float], least: dict[str, float]) -> None:
 def _edited(file: Path) -> Iterator[dict[str, Any]]:
     """Change the content of a YAML file."""
     try:
-        values = yaml.safe_load(file.read_text(encoding="utf-8"))
+        values = read_yaml(file)
         yield values
-    except (OSError, yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError) as error:
+    except (ConfigurationFileError, TypeError, KeyError) as error:
         raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
     file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")

@@ -8,12 +8,12 @@ from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.rerun.rerun import Schedule
 from cspr_kinematics import Robot
+from cspr_kinematics.configuration.yaml_file import parse_yaml
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.parameter_events import TOPIC as PARAMETER_EVENTS
 from cspr_msgs_py.bag.parameter_events import ParameterEvent, decode_parameter_event
@@ -65,14 +65,8 @@ class Configuration:
         control = _file(by_name, CONTROL_FILE, where)
         parameters = ParameterFile(control, f"{where}: {CONTROL_FILE}")
         robot_name = PurePath(str(parameters.of("feedforward").get("robot_config", ROBOT_FILE))).name
-        text = _file(by_name, robot_name, where)
-        try:
-            content = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ControlError(
-                f"{where}: {robot_name} is not YAML: {' '.join(str(error).split())}"
-            ) from error
-        robot = Robot.from_mapping(content, f"{where}: {robot_name}")
+        text, source = _file(by_name, robot_name, where), f"{where}: {robot_name}"
+        robot = Robot.from_mapping(parse_yaml(text, source), source)
         return Configuration(robot, parameters, {CONTROL_FILE: control, robot_name: text})
 
     @staticmethod

@@ -8,7 +8,13 @@ here, so that driver and emulated device cannot disagree about scale or sign.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+_LARGEST = 2**31 - 1  # in 32 bits with a sign
 
 
 @dataclass(frozen=True)
@@ -27,21 +33,19 @@ class DriveUnits:
         Torque that the drive calls 1000, N m.
     torque_limit
         Largest torque at the motor shaft, N m.
-    max_torque
-        Torque limit in thousandths of the rated torque, rounded down (6072h).
     """
 
-    polarity: int
-    encoder_increments: int
-    home_counts: int
-    rated_torque: float
-    torque_limit: float
-    max_torque: int = field(init=False)
+    polarity: Literal[1, -1]
+    encoder_increments: Annotated[int, Meta(ge=1, le=_LARGEST)]
+    home_counts: Annotated[int, Meta(ge=-_LARGEST, le=_LARGEST)]
+    rated_torque: Annotated[float, Meta(ge=0.001)]
+    torque_limit: Annotated[float, Meta(gt=0.0)]
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def max_torque(self) -> int:
+        """Torque limit in thousandths of the rated torque, rounded down (6072h)."""
         # The small excess keeps 1500 from becoming 1499 by a rounding error of the division.
-        limit = math.floor(1000.0 * self.torque_limit / self.rated_torque * (1.0 + 1e-12))
-        object.__setattr__(self, "max_torque", limit)
+        return math.floor(1000.0 * self.torque_limit / self.rated_torque * (1.0 + 1e-12))
 
     def angle(self, counts: int) -> float:
         """Return the motor angle, rad, at a position value."""
@@ -75,7 +79,7 @@ class LoadCellUnits:
         Tension that the cell shows for a slack cable, N, after scaling.
     """
 
-    decimal_digits: int
+    decimal_digits: Annotated[int, Meta(ge=0, le=6)]
     scale: float
     offset: float
 

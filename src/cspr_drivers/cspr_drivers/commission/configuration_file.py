@@ -7,8 +7,6 @@ import re
 from datetime import UTC, datetime
 from pathlib import Path
 
-import yaml
-
 from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings, replace_file
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.config.identity import Identity
@@ -41,7 +39,7 @@ def new_text(old: str, config: CanConfig, findings: Findings) -> str:
         for place, cell in enumerate(config.load_cells, start=1)
     ]
     text = _with_block(_with_block(old, "drives", drives, config.source), "load_cells", cells, config.source)
-    CanConfig.from_mapping(yaml.safe_load(text), f"{config.source}, as found")
+    CanConfig.from_text(text, f"{config.source}, as found")
     return text
 
 

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
-import yaml
-
 from cspr_drivers.bus.can_bus import CanPort, CanPorts, open_bus
 from cspr_drivers.commission.configuration_file import difference, new_text, write
 from cspr_drivers.commission.findings import Findings, FindingsFile
@@ -19,8 +17,11 @@ from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
 from cspr_drivers.commission.operator import FileOperator, Operator, Questions, WalkStoppedError
 from cspr_drivers.commission.walk import Machine, Walk
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.config.config_section import ConfigSection
-from cspr_drivers.errors import ConfigurationError, DriverError
+from cspr_drivers.config.file_errors import as_configuration_error
+from cspr_drivers.errors import DriverError
+from cspr_kinematics.configuration.structure import structured
+from cspr_kinematics.configuration.yaml_file import read_yaml
+from cspr_kinematics.robot.robot_description import RobotDescription
 
 DESCRIPTION = """\
 Walk through a new machine, winch by winch and load cell by load cell, and write what is found into can.yaml.
@@ -154,17 +155,13 @@ def _open(config: CanConfig) -> CanPorts:
 
 def _pay_out(robot: Path) -> float:
     """Return the cable for a radian of the motor, m/rad, of a robot file."""
-    winch = ConfigSection.from_yaml(robot).section("winch")
-    return winch.number("drum_radius", above=0.0) / winch.number("gear_ratio", above=0.0)
+    with as_configuration_error():
+        return structured(RobotDescription, read_yaml(robot), str(robot)).winch.ratio
 
 
 def _answers(path: Path) -> FileOperator:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigurationError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
-        raise ConfigurationError(f"{path}: must be a mapping of keys to answers")
+    with as_configuration_error():
+        content = read_yaml(path)
     return FileOperator({str(key): value for key, value in content.items()}, str(path), print)
 
 

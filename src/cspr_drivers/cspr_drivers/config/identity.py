@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from cspr_drivers.config.config_section import ConfigSection
+from msgspec import Meta
 
-_LARGEST = 2**32 - 1
+_Word = Annotated[int, Meta(ge=0, le=2**32 - 1)]
 
 
 @dataclass(frozen=True)
@@ -22,34 +23,13 @@ class Identity:
         word, the minor revision, is of no consequence.
     """
 
-    vendor_id: int
-    product_code: int
-    revision_number: int
-    serial_number: int
+    vendor_id: _Word
+    product_code: _Word
+    revision_number: _Word
+    serial_number: _Word
 
     @property
     def objects(self) -> dict[tuple[int, int], int]:
         """Its values by index and subindex."""
         values = (self.vendor_id, self.product_code, self.revision_number, self.serial_number)
         return {(0x1018, subindex): value for subindex, value in enumerate(values, start=1)}
-
-
-def read_identity(device: ConfigSection) -> Identity | None:
-    """Return the identity in the entry of a device; `None` when it is null: the device is not known yet.
-
-    Raises
-    ------
-    ConfigurationError
-        If the key is missing, or one of its values is.
-    """
-    section = device.section_or_none("identity")
-    if section is None:
-        return None
-    identity = Identity(
-        vendor_id=section.integer("vendor_id", 0, _LARGEST),
-        product_code=section.integer("product_code", 0, _LARGEST),
-        revision_number=section.integer("revision_number", 0, _LARGEST),
-        serial_number=section.integer("serial_number", 0, _LARGEST),
-    )
-    section.finish()
-    return identity

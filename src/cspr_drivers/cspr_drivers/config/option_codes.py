@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from cspr_drivers.config.config_section import ConfigSection
-
-# Codes with which a drive slows its motor down and holds it. Code 0 takes the torque away at once, and codes 5 to 8
-# of 605Ah leave the drive in quick stop active, its brake open.
-_QUICK_STOP = (1, 2, 3, 4)
-_SLOW_DOWN = (1,)
-_HALT = (1, 2, 3, 4)
-_FAULT_REACTION = (1, 2, 3, 4)
+from typing import Literal
 
 
 @dataclass(frozen=True)
 class OptionCodes:
-    """Option codes, all of them such that the load stays held.
+    """Option codes with which a drive slows its motor down and holds it, so that the load stays held.
+
+    Code 0 takes the torque away at once, and codes 5 to 8 of 605Ah leave the drive in quick stop active, its brake
+    open: none of them is allowed.
 
     Attributes
     ----------
@@ -30,27 +25,8 @@ class OptionCodes:
         605Eh: as 605Ah, then fault.
     """
 
-    quick_stop: int
-    shutdown: int
-    disable_operation: int
-    halt: int
-    fault_reaction: int
-
-
-def read_option_codes(section: ConfigSection) -> OptionCodes:
-    """Return the section ``option_codes``.
-
-    Raises
-    ------
-    ConfigurationError
-        If a code is missing, or is one that would drop the load.
-    """
-    codes = OptionCodes(
-        quick_stop=int(section.choice("quick_stop", _QUICK_STOP)),
-        shutdown=int(section.choice("shutdown", _SLOW_DOWN)),
-        disable_operation=int(section.choice("disable_operation", _SLOW_DOWN)),
-        halt=int(section.choice("halt", _HALT)),
-        fault_reaction=int(section.choice("fault_reaction", _FAULT_REACTION)),
-    )
-    section.finish()
-    return codes
+    quick_stop: Literal[1, 2, 3, 4]
+    shutdown: Literal[1]
+    disable_operation: Literal[1]
+    halt: Literal[1, 2, 3, 4]
+    fault_reaction: Literal[1, 2, 3, 4]

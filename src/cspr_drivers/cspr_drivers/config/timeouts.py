@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from cspr_drivers.config.config_section import ConfigSection
+from msgspec import Meta
+
+_Time = Annotated[float, Meta(ge=0.001)]
+_CountedTime = Annotated[float, Meta(ge=0.001, le=65.535)]  # CANopen counts it in milliseconds in 16 bits
 
 
 @dataclass(frozen=True)
@@ -29,41 +33,12 @@ class Timeouts:
         Longest duration of releasing, and of closing, all brakes; and those of one drive.
     """
 
-    command: float
-    feedback: float
-    rpdo: float
-    heartbeat_producer: float
-    heartbeat_consumer: float
-    sdo: float
-    transition: float
-    enable: float
-    stop: float
-
-
-def read_timeouts(section: ConfigSection) -> Timeouts:
-    """Return the section ``timeouts``.
-
-    Raises
-    ------
-    ConfigurationError
-        If a time is missing, not positive, or longer than CANopen can count.
-    """
-    # CANopen counts these times in milliseconds in 16 bits.
-    timeouts = Timeouts(
-        command=section.number("command", minimum=0.001),
-        feedback=section.number("feedback", minimum=0.001),
-        rpdo=section.number("rpdo", minimum=0.001),
-        heartbeat_producer=section.number("heartbeat_producer", minimum=0.001),
-        heartbeat_consumer=section.number("heartbeat_consumer", minimum=0.001),
-        sdo=section.number("sdo", minimum=0.001),
-        transition=section.number("transition", minimum=0.001),
-        enable=section.number("enable", minimum=0.001),
-        stop=section.number("stop", minimum=0.001),
-    )
-    for name in ("rpdo", "heartbeat_producer", "heartbeat_consumer"):
-        if getattr(timeouts, name) > 65.535:
-            raise section.error(name, "must be at most 65.535")
-    if timeouts.heartbeat_consumer <= timeouts.heartbeat_producer:
-        raise section.error("heartbeat_consumer", "must be greater than heartbeat_producer")
-    section.finish()
-    return timeouts
+    command: _Time
+    feedback: _Time
+    rpdo: _CountedTime
+    heartbeat_producer: _CountedTime
+    heartbeat_consumer: _CountedTime
+    sdo: _Time
+    transition: _Time
+    enable: _Time
+    stop: _Time

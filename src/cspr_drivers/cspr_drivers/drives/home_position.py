@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-import yaml
-
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import ConfigurationError
 
@@ -57,12 +55,10 @@ def _replaced(text: str, config: CanConfig, counts: Sequence[int]) -> str:
     values = iter(counts)
     try:
         new = _ENTRY.sub(lambda found: f"{found['before']}{next(values)}", text)
-        drives = yaml.safe_load(new)["drives"]
-        stored = [drive["home_counts"] for drive in drives]
-        nodes = [drive["node_id"] for drive in drives]
-    except (StopIteration, RuntimeError, yaml.YAMLError, KeyError, TypeError):
-        stored, nodes = [], []
-    if stored != list(counts) or nodes != [drive.node_id for drive in config.drives]:
+        stored = CanConfig.from_text(new, config.source).drives
+    except (StopIteration, RuntimeError, ConfigurationError):
+        stored = ()
+    if stored != with_home(config, counts).drives:
         raise ConfigurationError(
             f"{config.source}: home_counts: has changed since it was read, or holds them in another way than one "
             "number a drive: write " + ", ".join(map(str, counts)) + " there by hand"

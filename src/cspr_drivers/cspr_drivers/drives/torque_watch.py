@@ -5,7 +5,7 @@ Its speed shows that only when the motor is fast already, its torque (6077h) in 
 
 from __future__ import annotations
 
-from cspr_drivers.config.can_config import TorqueCheck
+from cspr_drivers.config.can_file import TorqueCheck
 
 
 class TorqueWatch:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cspr_drivers.config.can_config import LoadCellChecks
+from cspr_drivers.config.can_file import LoadCellChecks
 
 
 class StuckCells:

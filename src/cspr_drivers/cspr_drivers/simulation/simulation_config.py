@@ -5,13 +5,25 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
-from cspr_drivers.config.config_section import ConfigSection
 from cspr_drivers.errors import ConfigurationError
-from cspr_kinematics import InvalidInputError, KinematicsError, Payload, Pulleys, RigidBody, Robot
+from cspr_kinematics import KinematicsError, Payload, RigidBody, Robot
+from cspr_kinematics.arrays import frozen
+from cspr_kinematics.configuration.structure import (
+    NotNegative,
+    Positive,
+    Text,
+    Vector,
+    structured,
+)
+from cspr_kinematics.configuration.yaml_file import read_yaml
+from cspr_kinematics.errors import ConfigurationFileError
+from cspr_kinematics.robot.robot_description import PulleysEntry
 
 FloatArray = NDArray[np.float64]
 
@@ -30,18 +42,18 @@ class CableProperties:
         Length between drum and exit point, which stretches too, m.
     """
 
-    axial_stiffness: float
-    damping_time: float
-    dead_length: float
+    axial_stiffness: Annotated[float, Meta(ge=1.0)]
+    damping_time: NotNegative
+    dead_length: NotNegative
 
 
 @dataclass(frozen=True)
 class BrakeProperties:
     """Holding brakes at the motor shafts: delays in s, torque in N m."""
 
-    open_delay: float
-    close_delay: float
-    holding_torque: float
+    open_delay: NotNegative
+    close_delay: NotNegative
+    holding_torque: NotNegative
 
 
 @dataclass(frozen=True)
@@ -56,8 +68,8 @@ class DriveProperties:
         Longest time that the drive takes to stop its motor before the brake closes all the same, s.
     """
 
-    quick_stop_damping: float
-    quick_stop_time: float
+    quick_stop_damping: NotNegative
+    quick_stop_time: NotNegative
 
 
 @dataclass(frozen=True)
@@ -113,118 +125,127 @@ class SimulationConfig:
         ConfigurationError
             Names the file, the key and the value that is wrong.
         """
-        return _read(Path(path))
+        try:
+            return _config(structured(_File, read_yaml(path), str(path)), Path(path))
+        except ConfigurationFileError as error:
+            raise ConfigurationError(str(error)) from error
 
     def with_payload(self, payload: Payload, *changes: PayloadChange) -> SimulationConfig:
         """Return the same machine carrying another payload."""
         return dataclasses.replace(self, payload=payload, payload_changes=changes)
 
 
-def _payload(section: ConfigSection) -> Payload:
-    return Payload(section.number("mass", 0.0), section.array("center_of_mass", 3))
+@dataclass(frozen=True)
+class _TrueValues:
+    """How the machine departs from what the controllers believe: errors in m, ratios of true to believed values."""
+
+    platform_mass: Positive
+    center_of_mass_error: Vector
+    motor_inertia_ratio: Positive
+    coulomb_friction_ratio: NotNegative
+    viscous_friction_ratio: NotNegative
+    exit_point_errors: list[Vector]
+    anchor_point_errors: list[Vector]
+    pulleys: PulleysEntry | None = None
 
 
-def _read(path: Path) -> SimulationConfig:
-    file = ConfigSection.from_yaml(path)
+@dataclass(frozen=True)
+class _LoadCellEntry:
+    """As `LoadCellProperties`."""
+
+    noise_std: NotNegative
+    gain_error: list[float]
+    offset: list[float]
+    conversion_time: NotNegative
+
+
+@dataclass(frozen=True)
+class _PayloadEntry:
+    """Mass in kg, its centre in m in platform axes."""
+
+    mass: NotNegative
+    center_of_mass: Vector
+
+
+@dataclass(frozen=True)
+class _PayloadChangeEntry(_PayloadEntry):
+    """What is aboard from `time`, s, on."""
+
+    time: NotNegative
+
+
+@dataclass(frozen=True)
+class _File:
+    """The content of simulation.yaml; `time_step` is the longest step of the integration, s."""
+
+    robot: Text
+    true_values: _TrueValues
+    cables: CableProperties
+    brake: BrakeProperties
+    drive: DriveProperties
+    load_cells: _LoadCellEntry
+    payload: _PayloadEntry
+    payload_changes: list[_PayloadChangeEntry]
+    # the fastest mode, the platform turning on its cables, is near 100 Hz
+    time_step: Annotated[float, Meta(gt=0.0, le=2e-3, description="or the cables are not integrated stably")]
+    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)]
+
+
+def _config(file: _File, path: Path) -> SimulationConfig:
     try:
-        believed = Robot.from_yaml(path.parent / file.text("robot"))
-        robot = _true_robot(believed, file.section("true_values"))
+        believed = Robot.from_yaml(path.parent / file.robot)
+        _require_one_for_each_cable(file, believed.number_of_cables, str(path))
+        robot = _true_robot(believed, file.true_values, str(path))
+    except ConfigurationFileError:
+        raise
     except KinematicsError as error:
         raise ConfigurationError(f"{path}: {error}") from error
-    m = robot.number_of_cables
-
-    section = file.section("cables")
-    cables = CableProperties(
-        axial_stiffness=section.number("axial_stiffness", 1.0),
-        damping_time=section.number("damping_time", 0.0),
-        dead_length=section.number("dead_length", 0.0),
-    )
-    section.finish()
-
-    section = file.section("brake")
-    brake = BrakeProperties(
-        open_delay=section.number("open_delay", 0.0),
-        close_delay=section.number("close_delay", 0.0),
-        holding_torque=section.number("holding_torque", 0.0),
-    )
-    section.finish()
-
-    section = file.section("drive")
-    drive = DriveProperties(
-        quick_stop_damping=section.number("quick_stop_damping", 0.0),
-        quick_stop_time=section.number("quick_stop_time", 0.0),
-    )
-    section.finish()
-
-    section = file.section("load_cells")
-    load_cells = LoadCellProperties(
-        noise_std=section.number("noise_std", 0.0),
-        gain_error=section.array("gain_error", m),
-        offset=section.array("offset", m),
-        conversion_time=section.number("conversion_time", 0.0),
-    )
-    section.finish()
-
-    section = file.section("payload")
-    payload = _payload(section)
-    section.finish()
-    changes = []
-    for section in file.sections("payload_changes", may_be_empty=True):
-        changes.append(PayloadChange(section.number("time", 0.0), _payload(section)))
-        section.finish()
-    config = SimulationConfig(
+    changes = sorted(file.payload_changes, key=lambda change: change.time)
+    return SimulationConfig(
         robot=robot,
-        cables=cables,
-        brake=brake,
-        drive=drive,
-        load_cells=load_cells,
-        payload=payload,
-        payload_changes=tuple(sorted(changes, key=lambda change: change.time)),
-        time_step=_time_step(file),
-        seed=file.integer("seed", 0, 2**32 - 1),
+        cables=file.cables,
+        brake=file.brake,
+        drive=file.drive,
+        load_cells=LoadCellProperties(
+            file.load_cells.noise_std,
+            frozen(np.array(file.load_cells.gain_error)),
+            frozen(np.array(file.load_cells.offset)),
+            file.load_cells.conversion_time,
+        ),
+        payload=Payload(file.payload.mass, file.payload.center_of_mass),
+        payload_changes=tuple(PayloadChange(c.time, Payload(c.mass, c.center_of_mass)) for c in changes),
+        time_step=file.time_step,
+        seed=file.seed,
     )
-    file.finish()
-    return config
 
 
-def _time_step(file: ConfigSection) -> float:
-    value = file.number("time_step", above=0.0)
-    if value > 2e-3:  # the fastest mode, the platform turning on its cables, is near 100 Hz
-        raise file.error("time_step", "must be at most 0.002 s, or the cables are not integrated stably")
-    return value
+def _require_one_for_each_cable(file: _File, number_of_cables: int, source: str) -> None:
+    for section in ("true_values", "load_cells"):
+        for key, value in vars(getattr(file, section)).items():
+            if isinstance(value, list) and len(value) != number_of_cables:
+                problem = f"has {len(value)} elements where {number_of_cables} must stand, one for each cable"
+                raise ConfigurationFileError(source, f"{section}.{key}", value, problem)
 
 
-def _true_robot(believed: Robot, section: ConfigSection) -> Robot:
-    """Return the robot as it is, from what the controller believes and the listed departures from it."""
-    m = believed.number_of_cables
-    mass = section.number("platform_mass", above=0.0)
+def _true_robot(believed: Robot, true: _TrueValues, source: str) -> Robot:
+    """Return the robot as it is, from what the controllers believe and the listed departures from it."""
     platform = RigidBody(
-        mass=mass,
-        center_of_mass=believed.platform.center_of_mass + section.array("center_of_mass_error", 3),
-        inertia=believed.platform.inertia * (mass / believed.platform.mass),
+        mass=true.platform_mass,
+        center_of_mass=believed.platform.center_of_mass + true.center_of_mass_error,
+        inertia=believed.platform.inertia * (true.platform_mass / believed.platform.mass),
     )
     motor = dataclasses.replace(
         believed.motor,
-        inertia=believed.motor.inertia * section.number("motor_inertia_ratio", above=0.0),
-        coulomb_friction=believed.motor.coulomb_friction * section.number("coulomb_friction_ratio", 0.0),
-        viscous_friction=believed.motor.viscous_friction * section.number("viscous_friction_ratio", 0.0),
+        inertia=believed.motor.inertia * true.motor_inertia_ratio,
+        coulomb_friction=believed.motor.coulomb_friction * true.coulomb_friction_ratio,
+        viscous_friction=believed.motor.viscous_friction * true.viscous_friction_ratio,
     )
+    pulleys = believed.pulleys
+    if true.pulleys is not None:
+        pulleys = true.pulleys.pulleys(believed.number_of_cables, source, "true_values.pulleys")
     robot = believed.with_geometry(
-        exit_points=believed.exit_points + section.array("exit_point_errors", m, 3),
-        anchor_points=believed.anchor_points + section.array("anchor_point_errors", m, 3),
-        pulleys=_pulleys(section.section("pulleys"), m) if "pulleys" in section else believed.pulleys,
+        exit_points=believed.exit_points + true.exit_point_errors,
+        anchor_points=believed.anchor_points + true.anchor_point_errors,
+        pulleys=pulleys,
     )
-    section.finish()
     return dataclasses.replace(robot, platform=platform, motor=motor)
-
-
-def _pulleys(section: ConfigSection, number_of_cables: int) -> Pulleys:
-    radius = section.array_or_row("radius", number_of_cables)
-    try:
-        pulleys = Pulleys(radius)
-        if "swivel_axis" in section:
-            pulleys = Pulleys(radius, section.array_or_row("swivel_axis", number_of_cables, 3))
-    except InvalidInputError as error:
-        raise section.error(error.name, error.reason) from error
-    section.finish()
-    return pulleys

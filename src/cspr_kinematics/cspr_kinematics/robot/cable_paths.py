@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sized
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,7 +124,7 @@ def checked_points(name: str, value: ArrayLike) -> FloatArray:
     return frozen(points)
 
 
-def check_cables(exit_points: FloatArray, anchor_points: FloatArray) -> None:
+def check_cables(exit_points: Sized, anchor_points: Sized) -> None:
     """Refuse points (m, 3) that are too few, or do not belong to each other.
 
     Raises

@@ -18,13 +18,14 @@ from cspr_kinematics.arrays import (
     non_negative_number,
     positive_number,
 )
+from cspr_kinematics.configuration.structure import located
 from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.cable_paths import check_cables, checked_points, home_lengths, path_geometry
 from cspr_kinematics.robot.pulleys import Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
-from cspr_kinematics.robot.robot_description import read_robot, robot_section
+from cspr_kinematics.robot.robot_description import robot_parts
 from cspr_kinematics.robot.winch import Motor, Winch
 
 # A winch whose zero is off by more than this was not set up for this home pose, m.
@@ -175,10 +176,9 @@ class Robot(ReadOnlyArrays):
         ConfigurationFileError
             For each value that cannot be used, naming source, key and value.
         """
-        top = robot_section(mapping, source)
-        values = read_robot(top)
-        with top.constructing():
-            return cls(**values)
+        parts = robot_parts(mapping, source)
+        with located(source):
+            return cls(**parts)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)

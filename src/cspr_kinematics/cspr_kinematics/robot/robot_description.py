@@ -1,121 +1,121 @@
-"""What a robot description must hold, and the parts of a robot from it; `config/robot.yaml` documents the keys."""
+"""What a robot's file must hold, and the parts of a robot from it; `config/robot.yaml` documents the keys."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from cspr_kinematics.arrays import FloatArray
+from msgspec import Meta
+
+from cspr_kinematics.configuration.structure import (
+    NotNegative,
+    Positive,
+    Text,
+    Vector,
+    located,
+    structured,
+)
 from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.cable_paths import check_cables, home_lengths
 from cspr_kinematics.robot.pulleys import UPWARDS, Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
-from cspr_kinematics.robot.robot_file import Section
 from cspr_kinematics.robot.winch import Motor, Winch
 
-_ROBOT_KEYS = (
-    "name",
-    "exit_points",
-    "anchor_points",
-    "frame_size",
-    "platform",
-    "platform_size",
-    "winch",
-    "motor",
-    "tension_min",
-    "tension_max",
-    "home",
-    "workspace_min",
-    "workspace_max",
-    "trajectory_center",
-)
-_OPTIONAL_ROBOT_KEYS = ("pulleys",)
-_PULLEY_KEYS = ("radius",)
-_OPTIONAL_PULLEY_KEYS = ("swivel_axis",)
-_PLATFORM_KEYS = ("mass", "center_of_mass", "inertia")
-_WINCH_KEYS = ("drum_radius", "gear_ratio")
-_MOTOR_KEYS = ("inertia", "torque_limit", "speed_limit", "coulomb_friction", "viscous_friction")
-_HOME_KEYS = ("position", "euler")
+Points = Annotated[list[Vector], Meta(min_length=1)]
 
 
-def robot_section(mapping: object, source: str) -> Section:
-    """Return the description of a robot, which has all its keys and no others.
+@dataclass(frozen=True)
+class PlatformEntry:
+    """The platform without payload: mass in kg, centre of mass in m, inertia about it in kg m^2."""
 
-    Raises
-    ------
-    ConfigurationFileError
-        If it has not, or is no mapping.
-    """
-    return Section(source, mapping, _ROBOT_KEYS, optional=_OPTIONAL_ROBOT_KEYS)
+    mass: Positive
+    center_of_mass: Vector
+    inertia: tuple[Vector, Vector, Vector]
 
 
-def read_robot(top: Section) -> dict[str, Any]:
+@dataclass(frozen=True)
+class WinchEntry:
+    """The winches' transmission: radius of the drum in m, motor turns per drum turn."""
+
+    drum_radius: Positive
+    gear_ratio: Positive
+
+    @property
+    def ratio(self) -> float:
+        """Cable length per motor angle, m/rad."""
+        return self.drum_radius / self.gear_ratio
+
+
+@dataclass(frozen=True)
+class HomeEntry:
+    """The pose at which all motor angles are zero: position in m, angles about z, y, x in rad."""
+
+    position: Vector
+    euler: Vector
+
+
+@dataclass(frozen=True)
+class PulleysEntry:
+    """The pulleys at the exit points: radius in m and swivel axis in base, for all cables or one for each."""
+
+    radius: NotNegative | list[NotNegative]
+    swivel_axis: tuple[float | Vector, ...] = UPWARDS
+
+    def pulleys(self, number_of_cables: int, source: str, key: str) -> Pulleys:
+        """Return the pulleys; `source` and `key` say where they are described.
+
+        Raises
+        ------
+        ConfigurationFileError
+            If they are those of another number of cables, or an axis is none.
+        """
+        with located(source, key):
+            pulleys = Pulleys(self.radius, self.swivel_axis)
+            pulleys.radii(number_of_cables)
+            pulleys.axes(number_of_cables)
+        return pulleys
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """The content of a robot's file; units and meaning as of the attributes of `Robot`."""
+
+    name: Text
+    exit_points: Points
+    anchor_points: Points
+    frame_size: Vector
+    platform: PlatformEntry
+    platform_size: Vector
+    winch: WinchEntry
+    motor: Motor
+    tension_min: NotNegative
+    tension_max: Positive
+    home: HomeEntry
+    workspace_min: Vector
+    workspace_max: Vector
+    trajectory_center: Vector
+    pulleys: PulleysEntry | None = None
+
+
+def robot_parts(mapping: object, source: str) -> dict[str, Any]:
     """Return the attributes of the `Robot` that a description stands for.
 
     Raises
     ------
     ConfigurationFileError
-        For each value that cannot be used, naming source, key and value.
+        For the first value that cannot be used, naming source, key and value.
     """
-    exit_points = top.array("exit_points", None, 3)
-    anchor_points = top.array("anchor_points", None, 3)
-    home = _read_home(top.section("home", _HOME_KEYS))
-    with top.constructing():
+    file = structured(RobotDescription, mapping, source)
+    exit_points, anchor_points = file.exit_points, file.anchor_points
+    home = Pose.from_euler(file.home.position, *file.home.euler)
+    with located(source):
         check_cables(exit_points, anchor_points)
     pulleys = Pulleys.none()
-    if "pulleys" in top:
-        section = top.section("pulleys", _PULLEY_KEYS, optional=_OPTIONAL_PULLEY_KEYS)
-        pulleys = _read_pulleys(section, len(exit_points))
-    with top.constructing():
+    if file.pulleys is not None:
+        pulleys = file.pulleys.pulleys(len(exit_points), source, "pulleys")
+    with located(source):
         lengths = home_lengths(exit_points, anchor_points, home, pulleys)
-    return {
-        "name": top.text("name"),
-        "exit_points": exit_points,
-        "anchor_points": anchor_points,
-        "frame_size": top.array("frame_size", 3),
-        "platform": _read_platform(top.section("platform", _PLATFORM_KEYS)),
-        "platform_size": top.array("platform_size", 3),
-        "winch": _read_winch(top.section("winch", _WINCH_KEYS), lengths),
-        "motor": _read_motor(top.section("motor", _MOTOR_KEYS)),
-        "tension_min": top.number("tension_min"),
-        "tension_max": top.number("tension_max"),
-        "home": home,
-        "workspace_min": top.array("workspace_min", 3),
-        "workspace_max": top.array("workspace_max", 3),
-        "trajectory_center": top.array("trajectory_center", 3),
-        "pulleys": pulleys,
-    }
-
-
-def _read_home(section: Section) -> Pose:
-    position = section.array("position", 3)
-    alpha, beta, gamma = section.array("euler", 3)
-    with section.constructing():
-        return Pose.from_euler(position, alpha, beta, gamma)
-
-
-def _read_pulleys(section: Section, number_of_cables: int) -> Pulleys:
-    radius = section.array_or_row("radius", number_of_cables)
-    axis = section.array_or_row("swivel_axis", number_of_cables, 3) if "swivel_axis" in section else UPWARDS
-    with section.constructing():
-        return Pulleys(radius, axis)
-
-
-def _read_platform(section: Section) -> RigidBody:
-    mass = section.number("mass")
-    center_of_mass = section.array("center_of_mass", 3)
-    inertia = section.array("inertia", 3, 3)
-    with section.constructing():
-        return RigidBody(mass, center_of_mass, inertia)
-
-
-def _read_winch(section: Section, home_lengths: FloatArray) -> Winch:
-    drum_radius = section.number("drum_radius")
-    gear_ratio = section.number("gear_ratio")
-    with section.constructing():
-        return Winch(drum_radius, gear_ratio, home_lengths)
-
-
-def _read_motor(section: Section) -> Motor:
-    values = {key: section.number(key) for key in _MOTOR_KEYS}
-    with section.constructing():
-        return Motor(**values)
+    with located(source, "platform"):
+        platform = RigidBody(file.platform.mass, file.platform.center_of_mass, file.platform.inertia)
+    winch = Winch(file.winch.drum_radius, file.winch.gear_ratio, lengths)
+    return vars(file) | {"home": home, "pulleys": pulleys, "platform": platform, "winch": winch}

@@ -15,6 +15,7 @@ from cspr_kinematics.arrays import (
     non_negative_number,
     positive_number,
 )
+from cspr_kinematics.configuration.structure import NotNegative, Positive
 from cspr_kinematics.errors import InvalidInputError
 
 
@@ -106,11 +107,11 @@ class Motor:
         If a value is not finite, inertia or a limit is not positive, or friction is negative.
     """
 
-    inertia: float
-    torque_limit: float
-    speed_limit: float
-    coulomb_friction: float
-    viscous_friction: float
+    inertia: Positive
+    torque_limit: Positive
+    speed_limit: Positive
+    coulomb_friction: NotNegative
+    viscous_friction: NotNegative
 
     def __post_init__(self) -> None:
         for name in ("inertia", "torque_limit", "speed_limit"):
