@@ -276,8 +276,8 @@ def agreement_block(agreement: Agreement) -> dict[str, str]:
     more = "".join(f" and {added.mass:g} kg more at {added.time:g} s" for added in case.added)
     text = (
         f"`{live.name}` on {case.trajectory.value}, {case.payload:g} kg aboard{more}; the first set-point came "
-        f"{(case.phase or 0.0) * 1e3:.1f} ms after the start, torques {case.reaction_time * 1e3:.1f} ms after the states (median), {live.missed:.1%} of the control cycles were "
-        "missed.\n\n"
+        f"{(case.phase or 0.0) * 1e3:.1f} ms after the start, torques {case.reaction_time * 1e3:.1f} ms "
+        f"after the states (median), {live.missed:.1%} of the control cycles were missed.\n\n"
     )
     table = _table(("", "live", "without ROS", "difference", "tolerance"), rows)
     verdict = (

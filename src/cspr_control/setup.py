@@ -30,6 +30,7 @@ setup(
         "scipy",
         "pyyaml",
         "matplotlib",
+        "cspr_drivers",
         "cspr_kinematics",
         "cspr_msgs_py",
     ],

@@ -13,7 +13,6 @@ from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
 
-
 CONFIG = Path(__file__).parents[2] / "config"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from cspr_control.closed_loop.loop import ClosedLoop
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_msgs_py.bag.bag_file import Attachment, BagFile
+from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.message_definitions import message_definition

@@ -64,6 +64,11 @@ class LoopRecord:
         return np.asarray(np.degrees(np.sqrt((self.position_error**2).mean(axis=0))))
 
     @property
+    def max_deg(self) -> FloatArray:
+        """Largest position error of each motor (m,), degrees."""
+        return np.asarray(np.degrees(np.abs(self.position_error).max(axis=0)))
+
+    @property
     def settling_time(self) -> float:
         """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
         stamps = (self.time * 1e9).round().astype(np.int64)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-import can
-import canopen
 import numpy as np
 
 from cspr_control.closed_loop.machine import Answer, Publish
 from cspr_control.closed_loop.simulated_time import SimulatedTime
-from cspr_drivers.bus.can_bus import CanPort, CanPorts, copied_frame
-from cspr_drivers.canopen.frame_table import SYNC_COB_ID
+from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.cycle_clock import CycleClock
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.errors import DriverError
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.driver_messages import (
     bus_status,
@@ -27,7 +24,7 @@ from cspr_drivers.nodes.driver_messages import (
     load_cell_diagnostics,
     load_cell_states,
 )
-from cspr_drivers.simulation.bus.bus_timing import DRIVER, BusTiming
+from cspr_drivers.simulation.bus.simulated_bus import SimulatedBus
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.fault_injection import FaultInjector
@@ -80,8 +77,6 @@ class SimulatedRobot:
         Puts faults into devices and buses.
     on_tick
         Called every `TICK`.
-    driver_runs
-        Whether the driver does anything: a process that was stopped neither sends nor answers.
     log
         Lines of the driver.
     """
@@ -94,25 +89,26 @@ class SimulatedRobot:
         self.plant = Plant(simulation)
         self.machine = SharedPlant(self.plant, simulation.payload_changes, time)
         self.devices, self.amplifiers = emulated_devices(can_config, simulation, self.machine, eds)
-        self._wires = {bus.name: _Wire(self, bus.name, bus.bitrate) for bus in can_config.buses}
+        self._buses = {
+            bus.name: SimulatedBus(bus.name, bus.bitrate, time, self._sync) for bus in can_config.buses
+        }
         self._nodes: tuple[EmulatedNode, ...] = (*self.devices, *self.amplifiers)
         buses = [drive.bus for drive in can_config.drives] + [cell.bus for cell in can_config.load_cells]
         for bus, node in zip(buses, self._nodes, strict=True):
-            self._wires[bus].network.add_node(node)
+            self._buses[bus].network.add_node(node)
         self._conversion_time = simulation.load_cells.conversion_time
-        timings = {name: wire.timing for name, wire in self._wires.items()}
+        timings = {name: line.timing for name, line in self._buses.items()}
         self.faults = FaultInjector(self.devices, self.amplifiers, self.machine, timings)
         self.publish: Publish = lambda topic, sample: None
         self.on_tick: Callable[[], None] = lambda: None
-        self.driver_runs = True
         self.log: list[str] = []
         self._published: dict[Topic, tuple[object, float]] = {}
         self._cables = cable_names(len(can_config.load_cells))
         for node in self._nodes:
             node.power_on()
-        for wire in self._wires.values():
-            time.add(wire)
-            wire.timing.passed(time.monotonic() + 1.0)  # the devices booted before the driver came
+        for line in self._buses.values():
+            time.add(line)
+            line.timing.passed(time.monotonic() + 1.0)  # the devices booted before the driver came
         self._make_driver()
         time.every(can_config.period, self._cycle)
         time.every(TICK, self._tick)
@@ -134,7 +130,7 @@ class SimulatedRobot:
             _PATIENCE,
         )
         if not ready:
-            raise TimeoutError(f"the devices are not ready: {self.drives.states()[:2]}, {self.log[-3:]}")
+            raise DriverError(f"the devices are not ready: {self.drives.states()[:2]}, {self.log[-3:]}")
 
     def command(self, index: int, stamp_ns: int, torque: float) -> None:
         """Give a drive its torque, N m."""
@@ -166,11 +162,21 @@ class SimulatedRobot:
 
     # The driver
 
+    @property
+    def driver_runs(self) -> bool:
+        """Whether the driver does anything: a process that was stopped neither hears, nor sends, nor answers."""
+        return all(line.driver_listens for line in self._buses.values())
+
+    @driver_runs.setter
+    def driver_runs(self, runs: bool) -> None:
+        for line in self._buses.values():
+            line.driver_listens = runs
+
     def kill_driver(self) -> None:
         """Let the driver end from one moment to the next, as by SIGKILL: it sends nothing more."""
         self.driver_runs = False
-        for wire in self._wires.values():
-            wire.end = None
+        for line in self._buses.values():
+            line.cut_off()
         self._end_driver()
 
     def restart_driver(self) -> None:
@@ -181,7 +187,7 @@ class SimulatedRobot:
 
     def _make_driver(self) -> None:
         """Open the driver's ends of the buses, and make the two masters."""
-        self.ports = CanPorts([wire.open() for wire in self._wires.values()])
+        self.ports = CanPorts([line.open() for line in self._buses.values()])
         self.drives = DriveMaster(
             self.config, self.ports, self._publish_motors, self.log.append, _SimulatedCycleClock
         )
@@ -244,7 +250,7 @@ class SimulatedRobot:
 
     # The devices
 
-    def sync(self, network: canopen.Network) -> None:
+    def _sync(self, network: object) -> None:
         """Let the devices of a network measure, and answer."""
         moment = self.machine.now()
         self.machine.advance(moment, exactly=True)
@@ -266,74 +272,6 @@ class SimulatedRobot:
         for node in self._nodes:
             node.tick(moment)
         self.on_tick()
-
-
-class _Wire:
-    """A bus between driver and devices, on which frames take their time: the devices' end, and a source of events.
-
-    Attributes
-    ----------
-    network
-        The canopen network of the devices.
-    timing
-        The frames on the bus.
-    end
-        The driver's end; None without a driver.
-    """
-
-    channel_info = "simulated time"
-
-    def __init__(self, robot: SimulatedRobot, name: str, bitrate: int) -> None:
-        self.timing = BusTiming(bitrate)
-        self.network = canopen.Network(self)
-        self.end: _DriverEnd | None = None
-        self._robot = robot
-        self.time = robot.time
-        self._name = name
-        self.next_end = self.timing.next_end
-
-    def open(self) -> CanPort:
-        """Open the driver's end."""
-        self.end = _DriverEnd(self)
-        self._port = CanPort(self._name, self.end, clock=self.time)
-        return self._port
-
-    def send(self, message: can.Message, timeout: float | None = None) -> None:
-        """Put a frame of a device on the bus."""
-        self.timing.offer(copied_frame(message), "devices", self.time.monotonic())
-
-    def deal(self, now: float) -> None:
-        """Give the frames that are through to whom they are for."""
-        for _, sender, frame in self.timing.passed(now):
-            frame.timestamp = self.time.system()
-            if sender != DRIVER:
-                if self._robot.driver_runs:
-                    self._port.receive(frame)
-            elif frame.arbitration_id == SYNC_COB_ID:
-                self._robot.sync(self.network)
-            else:
-                self.network.notify(frame.arbitration_id, bytearray(frame.data), frame.timestamp)
-
-
-class _DriverEnd(can.BusABC):  # type: ignore[misc]
-    """The driver's end of a bus: frames of a process that was killed are those that it has sent before."""
-
-    def __init__(self, wire: _Wire) -> None:
-        super().__init__(channel=None)
-        self._wire = wire
-        self._closed = threading.Event()
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        if self._wire.end is self:
-            self._wire.timing.offer(copied_frame(msg), DRIVER, self._wire.time.monotonic())
-
-    def _recv_internal(self, timeout: float | None) -> tuple[None, bool]:
-        self._closed.wait(timeout)
-        return None, True
-
-    def shutdown(self) -> None:
-        self._closed.set()
-        super().shutdown()
 
 
 class _SimulatedCycleClock(CycleClock):

@@ -23,6 +23,7 @@ from cspr_control.parameters.control_settings import control_settings
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
+from cspr_drivers.errors import DriverError
 from cspr_kinematics import Payload, Pose
 from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
@@ -44,10 +45,7 @@ def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
         machine = SimulatedRobot(time, scenario.read_buses(), simulation, scenario.config / "eds")
     else:
         machine = BarePlant(time, simulation, settings.period)
-    loop = ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)
-    if listen is not None:
-        loop.listeners.append(listen)
-    return loop
+    return ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)
 
 
 def run(
@@ -66,19 +64,22 @@ def run(
 
     Raises
     ------
-    ControlError, cspr_kinematics.KinematicsError, cspr_drivers.errors.DriverError, cspr_msgs_py.errors.MessagesError
+    ControlError, cspr_kinematics.KinematicsError, cspr_msgs_py.errors.MessagesError
         If a file of the configuration is not what it must be, the bag cannot be written, or a fault that nobody planned
         stopped the robot.
     """
     began = process_time()
-    loop = closed_loop(scenario)
-    recorder = LoopRecorder(loop)
-    begin = loop.time.monotonic()
-    with ExitStack() as opened:
-        opened.callback(loop.machine.close)
-        if bag is not None:
-            opened.enter_context(LoopBag(bag, scenario, loop))
-        _operate(loop, scenario, progress)
+    try:
+        loop = closed_loop(scenario)
+        recorder = LoopRecorder(loop)
+        begin = loop.time.monotonic()
+        with ExitStack() as opened:
+            opened.callback(loop.machine.close)
+            if bag is not None:
+                opened.enter_context(LoopBag(bag, scenario, loop))
+            _operate(loop, scenario, progress)
+    except DriverError as error:
+        raise ClosedLoopError(str(error)) from error
     return recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
 
 

@@ -11,16 +11,20 @@ import numpy as np
 
 from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
-from cspr_control.parameters.file import ParameterFile
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.simulation.fault_injection import InjectedFault
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload, Pulleys, Robot
 from cspr_msgs_py.bag.bag_file import Attachment
+from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.vocabulary import Controller, controller_label
 
 _LATENCY = 0.0005  # s from the motor states to the torques, in one process
 _LATENCY_WITH_BUS = 0.0015  # s, with what frames take on the bus before and after
+
+FAULTS = {fault.value: (fault.target.value, fault.meaning) for fault in InjectedFault}
+"""What can go wrong with devices, by name: what has it, and what it is."""
 
 
 @dataclass(frozen=True)
