@@ -5,69 +5,32 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from time import perf_counter, process_time
-from typing import Any
+from time import perf_counter
 
 import numpy as np
 
 from benchmarks import plain_numpy
-from benchmarks.problems import CONFIG, PAYLOAD, Motion, motions
+from benchmarks.problems import CONFIG, PAYLOAD, chain, motions
 from benchmarks.timing import microseconds, print_table, seconds
 from cspr_kinematics import (
     Pose,
     Robot,
     distribute_tensions,
-    feedforward_tensions,
     forward_kinematics,
     inverse_kinematics,
     required_wrench,
     solve_forward_kinematics,
 )
-from cspr_kinematics.dynamics.dynamics import total_parameters
-from cspr_kinematics.tensions._feedforward_tensions import feedforward_at_poses
 
 BATCH = 100_000
 
 # What is aimed at on two cores of a 2024 server, us or, for batches, us a pose.
-_CHAIN = "cables, wrench and bounded tensions in one call"
-_KERNEL = "the same, inside the kernel"
-_BATCH_CHAIN = f"chain, batch of {BATCH}, one thread"
+_CHAIN = "cables, wrench and bounded tensions"
+_BATCH_CHAIN = f"the same, batch of {BATCH}, one thread"
 _WARM = "forward kinematics, from 1 cm away"
-_TWO_THREADS = f"chain, batch of {BATCH}, two threads"
+_TWO_THREADS = f"the same, batch of {BATCH}, tensions on two threads"
 _IMPORT = "import of the package"
-AIMS = {_CHAIN: 25.0, _KERNEL: 5.0, _BATCH_CHAIN: 4.0, _TWO_THREADS: 2.2, _WARM: 25.0}
-
-
-def in_the_kernel(robot: Robot, batch: Motion) -> float:
-    """Time of the fused kernel a pose without anything around it, us."""
-    n, m = len(batch[0].position), robot.number_of_cables
-
-    def full(value: float) -> Any:
-        array = np.full(m, value)
-        array.setflags(write=False)
-        return array
-
-    external, weights = np.zeros((1, 6)), np.ones(6)
-    external.setflags(write=False)
-    weights.setflags(write=False)
-    arguments: list[Any] = [
-        robot.path_geometry,
-        total_parameters(robot, PAYLOAD),
-        batch[0].position,
-        batch[0].rotation,
-        batch[1].linear,
-        batch[1].angular,
-        batch[2].linear,
-        batch[2].angular,
-        external,
-        full(robot.tension_min),
-        full(robot.tension_max),
-        full(0.0),
-        weights,
-        *(np.empty((n, m)), np.empty((n, m)), np.empty((n, 6, m)), np.empty((n, 6)), np.empty((n, m))),
-        *(np.empty(n, dtype=np.bool_), np.empty(n), np.empty(n, dtype=np.int64)),
-    ]
-    return microseconds(lambda: feedforward_at_poses(*arguments), 100) / n
+AIMS = {_CHAIN: 35.0, _BATCH_CHAIN: 5.0, _TWO_THREADS: 3.5, _WARM: 25.0}
 
 
 def compare(robot: Robot, title: str, with_numpy: bool) -> None:
@@ -81,11 +44,6 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
     near = Pose(batch[0].position + 0.01 / np.sqrt(3.0), batch[0].rotation)
     A, w = inverse_kinematics(robot, single[0]).wrench_matrix, required_wrench(robot, *single, PAYLOAD)
 
-    def separate() -> None:
-        matrix = inverse_kinematics(robot, single[0]).wrench_matrix
-        needed = required_wrench(robot, *single, PAYLOAD)
-        distribute_tensions(matrix, needed, *limits, method="closest")
-
     def in_numpy() -> None:
         _, matrix = plain_numpy.wrench_matrix(robot, single[0])
         plain_numpy.bounded(matrix, plain_numpy.wrench(robot, *single, PAYLOAD), *limits)
@@ -94,11 +52,9 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
         _, matrix = plain_numpy.wrench_matrix(robot, batch[0])
         plain_numpy.minimum_norm(matrix, plain_numpy.wrench(robot, *batch, PAYLOAD))
 
-    chain = microseconds(lambda: feedforward_tensions(robot, *single, PAYLOAD), 1000)
+    whole = microseconds(lambda: chain(robot, *single), 1000)
     rows = [
-        (_CHAIN, chain),
-        (_KERNEL, in_the_kernel(robot, motions(robot, random, 1000))),
-        ("the same as three calls", microseconds(separate, 1000)),
+        (_CHAIN, whole),
         (
             "  inverse kinematics, wrench matrix",
             microseconds(lambda: inverse_kinematics(robot, single[0]), 1000),
@@ -113,17 +69,10 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
         ("forward kinematics without a guess", microseconds(lambda: forward_kinematics(robot, lengths), 400)),
     ]
     per_pose = 1e6 / BATCH
-    cores = os.cpu_count() or 1
-    rows.append((_BATCH_CHAIN, per_pose * seconds(lambda: feedforward_tensions(robot, *batch, PAYLOAD))))
-    if cores > 1:
-        two = per_pose * seconds(
-            lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2), perf_counter
-        )
+    rows.append((_BATCH_CHAIN, per_pose * seconds(lambda: chain(robot, *batch))))
+    if (os.cpu_count() or 1) > 1:
+        two = per_pose * seconds(lambda: chain(robot, *batch, threads=2), perf_counter)
         rows.append((_TWO_THREADS, two))
-        both = per_pose * seconds(
-            lambda: feedforward_tensions(robot, *batch, PAYLOAD, threads=2), process_time
-        )
-        rows.append(("  CPU time of both threads together", both))
     warm = per_pose * seconds(lambda: solve_forward_kinematics(robot, batch_lengths, near))
     rows.append((f"forward kinematics, from 1 cm away, batch of {BATCH}", warm))
     if with_numpy:
@@ -132,7 +81,7 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
             (f"plain numpy: chain of minimum norm, batch of {BATCH}", per_pose * seconds(batch_in_numpy))
         )
     factor = 1.0 if with_numpy else 2.0
-    print_table(title, rows, chain, {name: factor * aim for name, aim in AIMS.items()})
+    print_table(title, rows, whole, {name: factor * aim for name, aim in AIMS.items()})
 
 
 def import_time() -> float:

@@ -7,7 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from cspr_kinematics import Acceleration, Payload, Pose, Robot, Twist, distribute_tensions, inverse_kinematics
+from cspr_kinematics import (
+    Acceleration,
+    Payload,
+    Pose,
+    Robot,
+    TensionResult,
+    Twist,
+    distribute_tensions,
+    inverse_kinematics,
+    required_wrench,
+)
 from cspr_kinematics.compiled import kernel_input
 
 CONFIG = Path(__file__).parents[1] / "config"
@@ -39,6 +49,15 @@ def motions(robot: Robot, random: np.random.Generator, *shape: int) -> Motion:
         Twist(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
         Acceleration(random.normal(size=(*shape, 3)), random.normal(size=(*shape, 3))),
     )
+
+
+def chain(
+    robot: Robot, pose: Pose, twist: Twist, acceleration: Acceleration, threads: int = 1
+) -> TensionResult:
+    """Cables, wrench and bounded tensions: the mathematics of a control cycle."""
+    A = inverse_kinematics(robot, pose).wrench_matrix
+    w = required_wrench(robot, pose, twist, acceleration, PAYLOAD)
+    return distribute_tensions(A, w, robot.tension_min, robot.tension_max, "closest", threads=threads)
 
 
 def wrenches(m: int, count: int, *, feasible: bool) -> list[Problem]:

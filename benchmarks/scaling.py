@@ -6,8 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.kinematics import in_the_kernel
-from benchmarks.problems import CONFIG, HIGH, LOW, PAYLOAD, Problem, motions, with_cables, wrenches
+from benchmarks.problems import CONFIG, HIGH, LOW, Problem, chain, motions, with_cables, wrenches
 from benchmarks.tensions import own, time_of
 from benchmarks.timing import microseconds, seconds
 from cspr_kinematics import (
@@ -15,14 +14,12 @@ from cspr_kinematics import (
     Robot,
     available_wrenches,
     distribute_tensions,
-    feedforward_tensions,
     inverse_kinematics,
     solve_forward_kinematics,
 )
 
 COLUMNS = (
     "chain",
-    "in kernel",
     "forward, warm",
     "closest",
     "steps",
@@ -47,8 +44,7 @@ def growth_with_cables() -> None:
         closest, center = own("closest")(m), own("analytic_center")(m)
         rows.append(
             [
-                microseconds(lambda r=robot, s=single: feedforward_tensions(r, *s, PAYLOAD), 400),
-                in_the_kernel(robot, batch),
+                microseconds(lambda r=robot, s=single: chain(r, *s), 400),
                 microseconds(lambda r=robot, x=lengths, g=near: solve_forward_kinematics(r, x, g), 40) / 1000,
                 time_of(closest, within),
                 most_steps(within),
@@ -78,14 +74,14 @@ def growth_with_poses() -> None:
         batch = motions(robot, random, n)
         A = np.resize(np.stack([A for A, _ in problems]), (n, 6, 8))
         w = np.resize(np.stack([w for _, w in problems]), (n, 6))
-        chain, tensions = (
+        all_of_it, tensions = (
             [1e6 / n * seconds(lambda t=t, f=f: f(t), perf_counter) for t in (1, 2)]
             for f in (
-                lambda t, b=batch: feedforward_tensions(robot, *b, PAYLOAD, threads=t),
+                lambda t, b=batch: chain(robot, *b, threads=t),
                 lambda t, A=A, w=w: distribute_tensions(A, w, LOW, HIGH, "closest", threads=t),
             )
         )
-        cells = [f"{one:>12.2f}{two:>12.2f}{one / two:>8.2f}" for one, two in (chain, tensions)]
+        cells = [f"{one:>12.2f}{two:>12.2f}{one / two:>8.2f}" for one, two in (all_of_it, tensions)]
         print(f"{n:>22}" + "".join(cells))
 
 

@@ -13,7 +13,7 @@ NODES = (
     "robot_markers",
     "control",
 )
-PROGRAMS = ("demo", "workspace", "analyze", "rerun")
+PROGRAMS = [f"{name} = {PACKAGE}.programs.{name}:main" for name in ("demo", "workspace", "analyze", "rerun")]
 
 setup(
     name=PACKAGE,
@@ -40,9 +40,7 @@ setup(
     description="Trajectories, feed-forward, motor control, payload estimation and supervision",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
-            *(f"{name} = {PACKAGE}.programs.{name}:main" for name in PROGRAMS),
-        ]
+        "console_scripts": [*(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES), *PROGRAMS],
+        "cspr.programs": PROGRAMS,
     },
 )

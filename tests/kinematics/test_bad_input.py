@@ -34,10 +34,8 @@ from cspr_kinematics import (
     bounded_methods,
     cable_interference,
     cable_lengths,
-    cable_power,
     distribute_tensions,
     explore_workspace,
-    feedforward_tensions,
     forward_kinematics,
     home_lengths,
     inverse_kinematics,
@@ -45,9 +43,9 @@ from cspr_kinematics import (
     motion_from_euler,
     motion_from_quaternion,
     pose_covariance,
+    required_wrench,
     solve_forward_kinematics,
     static_wrench,
-    wrench_power,
 )
 
 HUGE = 10**400
@@ -77,8 +75,8 @@ REST = Twist.zero(), Acceleration.zero()
 def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
     """A function of each argument of the public interface that is an array or a number."""
     home, spline = robot.home, PoseSpline(np.arange(5.0), Pose(np.zeros((5, 3)), UNIT))
-    cables, w, lengths = inverse_kinematics(robot, home), static_wrench(robot, home), robot.winch.home_lengths
-    A, points = cables.wrench_matrix, (robot.exit_points, robot.anchor_points)
+    w, lengths = static_wrench(robot, home), robot.winch.home_lengths
+    A, points = inverse_kinematics(robot, home).wrench_matrix, (robot.exit_points, robot.anchor_points)
     body = robot.platform
     limits = 50.0, 3000.0
     still = [ZERO] * 3
@@ -106,10 +104,7 @@ def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
         "Robot.with_geometry": lambda x: robot.with_geometry(exit_points=_required(x)),
         "home_lengths": lambda x: home_lengths(points[0], x, home),
         "static_wrench": lambda x: static_wrench(robot, home, None, _required(x)),
-        "feedforward.external": lambda x: feedforward_tensions(robot, home, *REST, None, _required(x)),
-        "feedforward.reference": lambda x: feedforward_tensions(robot, home, *REST, reference=_required(x)),
-        "feedforward.weights": lambda x: feedforward_tensions(robot, home, *REST, weights=_required(x)),
-        "feedforward.threads": lambda x: feedforward_tensions(robot, home, *REST, threads=x),
+        "required_wrench": lambda x: required_wrench(robot, home, *REST, None, _required(x)),
         "tensions.wrench_matrix": lambda x: distribute_tensions(x, w, *limits),
         "tensions.wrench": lambda x: distribute_tensions(A, x, *limits),
         "tensions.t_min": lambda x: distribute_tensions(A, w, x, 3000.0, "closest"),
@@ -139,8 +134,6 @@ def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
         "explore_workspace.orientations": lambda x: explore_workspace(robot, spacing=1.0, orientations=x),
         "interference.box_size": lambda x: cable_interference(robot, home, box_size=_required(x)),
         "interference.anchor_zone": lambda x: cable_interference(robot, home, anchor_zone=x),
-        "cable_power": lambda x: cable_power(cables, x, REST[0]),
-        "wrench_power": lambda x: wrench_power(x, REST[0]),
         "motion_from_euler": lambda x: motion_from_euler(x, ZERO, ZERO, *still),
         "motion_from_quaternion": lambda x: motion_from_quaternion(*still, x, *turned[1:]),
         "PoseSpline": lambda x: PoseSpline(x, Pose(np.zeros((5, 3)), UNIT)),
@@ -202,11 +195,15 @@ def test_numbers_too_large_to_reckon_with(any_robot: Robot, size: float) -> None
     A, w = inverse_kinematics(robot, home).wrench_matrix, static_wrench(robot, home)
     huge = np.full(6, size)
     fast, strong = Twist(ZERO, huge[:3]), Acceleration(huge[:3], ZERO)
+
+    def closest(wrench: np.ndarray) -> tuple[Any, ...]:
+        return distribute_tensions(A, wrench, robot.tension_min, robot.tension_max, "closest")[:5]
+
     attempts: list[Callable[[], tuple[Any, ...]]] = [
-        lambda: feedforward_tensions(robot, home, fast, REST[1])[:5],
-        lambda: feedforward_tensions(robot, home, REST[0], strong)[:5],
-        lambda: feedforward_tensions(robot, home, *REST, external_wrench=huge)[:5],
-        lambda: feedforward_tensions(robot, home, *REST, Payload(size, [0.1, 0.0, 0.0]))[:5],
+        lambda: closest(required_wrench(robot, home, fast, REST[1])),
+        lambda: closest(required_wrench(robot, home, REST[0], strong)),
+        lambda: closest(required_wrench(robot, home, *REST, external_wrench=huge)),
+        lambda: closest(required_wrench(robot, home, *REST, Payload(size, [0.1, 0.0, 0.0]))),
         lambda: (inverse_kinematics(robot, Pose(huge[:3], UNIT)).lengths,),
         lambda: (cable_lengths(robot, Pose(-huge[:3], UNIT)),),
         lambda: (forward_kinematics(robot, np.full(m, size)).position,),

@@ -29,16 +29,18 @@ from cspr_kinematics import (
     available_wrenches,
     cable_interference,
     cable_lengths,
-    feedforward_tensions,
+    distribute_tensions,
     forward_kinematics,
     inverse_kinematics,
+    required_wrench,
     solve_forward_kinematics,
 )
+from cspr_kinematics.dynamics._dynamics import required_wrenches
 from cspr_kinematics.kinematics._forward import forward_at_poses
 from cspr_kinematics.robot._cable_paths import cables_at_poses
-from cspr_kinematics.tensions._feedforward_tensions import feedforward_at_poses
+from cspr_kinematics.tensions._batch import distribute_batch
 
-KERNELS: tuple[Any, ...] = (cables_at_poses, feedforward_at_poses, forward_at_poses)
+KERNELS: tuple[Any, ...] = (cables_at_poses, required_wrenches, distribute_batch, forward_at_poses)
 WAYS: dict[str, Callable[[Any], Any]] = {
     "pickle": lambda value: pickle.loads(pickle.dumps(value)),
     "deepcopy": copy.deepcopy,
@@ -56,12 +58,23 @@ def arrays_of(value: object) -> list[np.ndarray]:
     return found
 
 
+def feedforward(
+    robot: Robot, pose: Pose, twist: Twist, acceleration: Acceleration, payload: Payload
+) -> np.ndarray:
+    """Tensions (m,) for a motion."""
+    A, w = (
+        inverse_kinematics(robot, pose).wrench_matrix,
+        required_wrench(robot, pose, twist, acceleration, payload),
+    )
+    return distribute_tensions(A, w, robot.tension_min, robot.tension_max, "closest").tensions
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_copies_are_immutable_and_compile_nothing(robot_with_pulleys: Robot, way: str) -> None:
     robot, home, payload = robot_with_pulleys, robot_with_pulleys.home, Payload(50.0, [0.1, 0.0, 0.0])
     motion = home, Twist([0.1, 0.0, 0.0], [0.0, 0.1, 0.0]), Acceleration([0.0, 0.1, 0.0], [0.1, 0.0, 0.0])
     lengths = cable_lengths(robot, home)
-    expected = feedforward_tensions(robot, *motion, payload)
+    expected = feedforward(robot, *motion, payload)
     A = inverse_kinematics(robot, home).wrench_matrix
     forward_kinematics(robot, lengths, home)
     signatures = [list(kernel.signatures) for kernel in KERNELS]
@@ -74,8 +87,7 @@ def test_copies_are_immutable_and_compile_nothing(robot_with_pulleys: Robot, way
         assert arrays_of(value)
         assert not any(array.flags.writeable for array in arrays_of(value)), type(value)
     other, load, *moved = copies[:5]
-    result = feedforward_tensions(other, *moved, load)
-    np.testing.assert_array_equal(result.tensions, expected.tensions)
+    np.testing.assert_array_equal(feedforward(other, *moved, load), expected)
     np.testing.assert_array_equal(forward_kinematics(other, lengths, moved[0]).position, home.position)
     assert [list(kernel.signatures) for kernel in KERNELS] == signatures
 

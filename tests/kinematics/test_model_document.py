@@ -18,7 +18,6 @@ from cspr_kinematics import (
     Twist,
     assess_task,
     distribute_tensions,
-    feedforward_tensions,
     forward_kinematics,
     inverse_kinematics,
     largest_acceleration,
@@ -219,10 +218,10 @@ def slack_table(robot: Robot, _: Robot) -> Table:
 
 def bounded_table(robot: Robot, _: Robot) -> Table:
     rows = [row("payload, kg", "least, N", "largest, N", "feasible", "residual, N")]
+    A = inverse_kinematics(robot, robot.home).wrench_matrix
     for mass in (0.0, 200.0, 1200.0, 1400.0):
-        result = feedforward_tensions(
-            robot, robot.home, Twist.zero(), Acceleration.zero(), Payload(mass, np.zeros(3))
-        )
+        w = static_wrench(robot, robot.home, Payload(mass, np.zeros(3)))
+        result = distribute_tensions(A, w, robot.tension_min, robot.tension_max, "closest")
         spread = numbers([result.tensions.min(), result.tensions.max()], 1)
         rows.append(
             row(f"{mass:g}", *spread, "yes" if result.feasible else "no", f"{float(result.residual):.1f}")

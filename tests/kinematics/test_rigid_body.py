@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cspr_kinematics import InvalidInputError, Payload, RigidBody, combine
+from cspr_kinematics import InvalidInputError, Payload, RigidBody
 
 
-def test_combining_keeps_the_sums_about_the_origin(rng: np.random.Generator) -> None:
+def test_moments_about_the_origin_add_up(rng: np.random.Generator) -> None:
     body = RigidBody(150.0, rng.normal(size=3), np.diag([2.0, 2.5, 3.0]))
     payload = Payload(70.0, rng.normal(size=3))
-    both = combine(body, payload)
+    both = RigidBody.from_inertial_parameters(body.inertial_parameters + payload.inertial_parameters)
     assert both.mass == 220.0
     np.testing.assert_allclose(both.first_moment, body.first_moment + payload.first_moment)
     np.testing.assert_allclose(
@@ -17,19 +17,22 @@ def test_combining_keeps_the_sums_about_the_origin(rng: np.random.Generator) -> 
     )
 
 
-def test_combining_with_nothing_changes_nothing() -> None:
-    body = RigidBody(150.0, [0.1, 0.0, -0.1], np.diag([2.0, 2.5, 3.0]))
-    both = combine(body, Payload.none())
-    assert both.mass == body.mass
-    np.testing.assert_array_equal(both.center_of_mass, body.center_of_mass)
-    np.testing.assert_array_equal(both.inertia, body.inertia)
+def test_a_payload_of_no_mass_has_no_inertial_parameters() -> None:
+    assert not Payload.none().inertial_parameters.any()
 
 
 def test_inertia_of_two_point_masses_about_their_middle() -> None:
     tiny = RigidBody(3.0, [0.0, 0.0, 0.0], 1e-9 * np.eye(3))
-    both = combine(tiny, Payload(3.0, [2.0, 0.0, 0.0]))
+    parameters = tiny.inertial_parameters + Payload(3.0, [2.0, 0.0, 0.0]).inertial_parameters
+    both = RigidBody.from_inertial_parameters(parameters)
     np.testing.assert_allclose(both.center_of_mass, [1.0, 0.0, 0.0])
     np.testing.assert_allclose(both.inertia, np.diag([0.0, 6.0, 6.0]), atol=1e-8)
+
+
+@pytest.mark.parametrize("parameters", [np.zeros(9), np.zeros(10), np.ones((2, 10)), np.full(10, np.nan)])
+def test_parameters_no_body_can_have_are_refused(parameters: np.ndarray) -> None:
+    with pytest.raises(InvalidInputError):
+        RigidBody.from_inertial_parameters(parameters)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from cspr_msgs_py.bag.bag_file import Compression
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.row import NodeParameter
 from cspr_msgs_py.parameters.table import TABLE, defaults, known_parameter, node_parameters, parameter_values
@@ -56,6 +57,11 @@ def test_later_values_win_and_must_fit() -> None:
         parameter_values("feedforward", {"model": 3})
     with pytest.raises(ParameterError, match=r"kp is -1; it must lie in \[0, 1000\] N m/rad"):
         parameter_values("motor_controller_3", {"kp": -1})
+
+
+def test_the_table_names_what_a_bag_can_be_compressed_with() -> None:
+    (row,) = (row for row in TABLE["recorder"] if row.name == "compression")
+    assert set(row.choices) == {member.value for member in Compression}
 
 
 def test_nodes_that_are_not_ours_have_no_parameters() -> None:

@@ -3,8 +3,9 @@
 import time
 
 import numpy as np
-import yaml
 
+from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import ALL_NODES
 from cspr_msgs_py.runtime.process import subscribe, subscribe_raw
 from cspr_msgs_py.topics import ROBOT_STATE, SETPOINT, motor_names
 from cspr_msgs_py.wire.joint_state import JointStateCodec
@@ -13,43 +14,24 @@ DURATION = 30.0  # s of the machine
 PATIENCE = 300.0  # s
 # Gains for the slower cycle: kd stays below 2 J / T, see config/control.yaml.
 GAINS = {"kp": 0.3, "kd": 0.03}
-PATIENT = {
-    "motor_states": 1.0,
-    "setpoint": 1.0,
-    "cable_tensions": 1.0,
-    "platform_pose": 1.0,
-}  # s of the machine
-# What counts on the computer's clock, and so has to be told of a machine in slow motion.
-DURATIONS = {
-    "feedforward": ("payload_timeout",),
-    "mass_estimator": ("time_constant", "tensions_timeout", "pose_timeout"),
-    "supervisor": (
-        "following_error_time",
-        "tension_min_time",
-        "tension_max_time",
-        "tension_difference_time",
-        "stuck_time",
-        "enable_timeout",
-        "stop_timeout",
-        "drive_timeout",
-    ),
-}
+PATIENT = (
+    "motor_states",
+    "setpoint",
+    "cable_tensions",
+    "platform_pose",
+)  # may be a second of the machine old
 
 
 def control_parameters(path, root, rate, speed):
     """Write the shipped parameters with what the slower cycle, and the slow motion, need."""
-    content = yaml.safe_load((root / "config" / "control.yaml").read_text())
-    common = content["/**"]["ros__parameters"]
-    common.update(
-        GAINS, control_rate=rate, setpoint_timeout=1.0, robot_config=str(root / "config" / "robot.yaml")
-    )
-    content["trajectory_publisher"]["ros__parameters"]["trajectory"] = "smooth-19"
-    ages = content["supervisor"]["ros__parameters"]["max_age"]
-    ages.update({name: age / speed for name, age in (ages | PATIENT).items()})
-    for node, names in DURATIONS.items():
-        for name in names:
-            content[node]["ros__parameters"][name] /= speed
-    path.write_text(yaml.safe_dump(content))
+    file = ParameterFile.from_yaml(root / "config" / "control.yaml")
+    robot = str(root / "config" / "robot.yaml")
+    timeout = 1.0 * speed  # 1 s of the computer
+    file.change(ALL_NODES, GAINS | {"control_rate": rate, "setpoint_timeout": timeout, "robot_config": robot})
+    file.change("trajectory_publisher", {"trajectory": "smooth-19"})
+    file.change("supervisor", {f"max_age.{topic}": 1.0 for topic in PATIENT})
+    file.slow_down(speed)
+    path.write_text(file.text())
 
 
 def test_the_closed_loop_runs_for_half_a_minute(bench, executable, root, rate, wire_report, capsys):

@@ -75,25 +75,32 @@ class ControlGraph:
 
     def __init__(
         self,
-        components: Iterable[Component],
+        components: Iterable[Component] = (),
         heard_instead: Mapping[tuple[str, str], Topic] | None = None,
     ) -> None:
-        self.components = {component.name: component for component in components}
+        self.components: dict[str, Component] = {}
         self.inputs: dict[str, Topic] = {}
+        self._heard_instead = heard_instead or {}
         self._routes: dict[str, list[Any]] = {}
         self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
-        for component in self.components.values():
-            for own in component.inputs:
-                topic = (heard_instead or {}).get((component.name, own.name), own)
-                self.inputs[topic.name] = topic
-                self._routes.setdefault(topic.name, []).append(component.handler(own))
-                self._listeners.setdefault(topic.name, []).append((component, own))
-        self._services = {
-            name: command
-            for component in self.components.values()
-            for name, command in component.services().items()
-        }
+        self._services: dict[str, Any] = {}
         self._due: list[_Due] | None = None
+        for component in components:
+            self.add(component)
+
+    def add(self, component: Component) -> tuple[Topic, ...]:
+        """Wire one more component; returns the topics that nobody has heard before it."""
+        self.components[component.name] = component
+        self._services |= component.services()
+        new = []
+        for own in component.inputs:
+            topic = self._heard_instead.get((component.name, own.name), own)
+            if topic.name not in self.inputs:
+                self.inputs[topic.name] = topic
+                new.append(topic)
+            self._routes.setdefault(topic.name, []).append(component.handler(own))
+            self._listeners.setdefault(topic.name, []).append((component, own))
+        return tuple(new)
 
     @property
     def services(self) -> tuple[str, ...]:
@@ -185,10 +192,13 @@ def control_graph(
     m = robot.number_of_cables
     return ControlGraph(
         (
-            *(MotorComponent(number, robot.motor, settings.motors) for number in range(1, m + 1)),
+            *(
+                MotorComponent(number, robot.motor, settings.gains, settings.setpoint_timeout)
+                for number in range(1, m + 1)
+            ),
             TrajectoryComponent(robot, settings.trajectory, settings.period),
             FeedforwardComponent(robot, settings.feedforward),
-            PoseComponent(robot, settings.pose, settings.period),
+            PoseComponent(robot, settings.pose_rate, settings.period),
             PayloadComponent(robot, settings.payload),
             SupervisionComponent(m, settings.supervision),
         ),

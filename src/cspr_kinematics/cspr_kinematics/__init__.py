@@ -1,13 +1,6 @@
 """Geometry, statics and dynamics of cable-suspended parallel robots."""
 
 from cspr_kinematics.dynamics.dynamics import GRAVITY, balance_regressor, required_wrench, static_wrench
-from cspr_kinematics.dynamics.energy import (
-    cable_power,
-    inertia_matrix,
-    kinetic_energy,
-    potential_energy,
-    wrench_power,
-)
 from cspr_kinematics.errors import (
     CableReachError,
     ConfigurationFileError,
@@ -28,13 +21,12 @@ from cspr_kinematics.motion.motion import Motion, PoseSpline, motion_from_euler,
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot.cable_paths import home_lengths
 from cspr_kinematics.robot.pulleys import Pulleys
-from cspr_kinematics.robot.rigid_body import Payload, RigidBody, combine
+from cspr_kinematics.robot.rigid_body import Payload, RigidBody
 from cspr_kinematics.robot.robot import Robot
 from cspr_kinematics.robot.winch import Motor, Winch
 from cspr_kinematics.tensions._bounded import TensionStatus
 from cspr_kinematics.tensions.blend import TensionBlend
 from cspr_kinematics.tensions.distribute import Method, bounded_methods, distribute_tensions
-from cspr_kinematics.tensions.feedforward_tensions import FeedforwardTensions, feedforward_tensions
 from cspr_kinematics.tensions.result import TensionResult
 from cspr_kinematics.workspace.feasibility import Feasibility, Task, assess_task, largest_acceleration
 from cspr_kinematics.workspace.interference import Interference, NearestPair, cable_interference
@@ -48,7 +40,6 @@ __all__ = [
     "Cables",
     "ConfigurationFileError",
     "Feasibility",
-    "FeedforwardTensions",
     "ForwardKinematicsError",
     "ForwardKinematicsSolution",
     "ForwardKinematicsStatus",
@@ -80,23 +71,16 @@ __all__ = [
     "bounded_methods",
     "cable_interference",
     "cable_lengths",
-    "cable_power",
-    "combine",
     "distribute_tensions",
     "explore_workspace",
-    "feedforward_tensions",
     "forward_kinematics",
     "home_lengths",
-    "inertia_matrix",
     "inverse_kinematics",
-    "kinetic_energy",
     "largest_acceleration",
     "motion_from_euler",
     "motion_from_quaternion",
     "pose_covariance",
-    "potential_energy",
     "required_wrench",
     "solve_forward_kinematics",
     "static_wrench",
-    "wrench_power",
 ]

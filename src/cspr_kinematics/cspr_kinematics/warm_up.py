@@ -8,26 +8,25 @@ from __future__ import annotations
 import sys
 from time import perf_counter
 
-from cspr_kinematics.dynamics.dynamics import balance_regressor, static_wrench
+from cspr_kinematics.dynamics.dynamics import balance_regressor, required_wrench, static_wrench
 from cspr_kinematics.kinematics.forward import forward_kinematics
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
-from cspr_kinematics.robot.rigid_body import Payload
 from cspr_kinematics.robot.robot import Robot
 from cspr_kinematics.tensions.distribute import bounded_methods, distribute_tensions
-from cspr_kinematics.tensions.feedforward_tensions import feedforward_tensions
 from cspr_kinematics.workspace.wrench_set import available_wrenches
 
 
 def warm_up(robot: Robot) -> None:
     """Run each function of a control cycle once, at the home pose, with every choice that may be made meanwhile."""
     home = Pose.from_quaternion(robot.home.position, robot.home.quaternion)
-    lengths = inverse_kinematics(robot, home).lengths
-    asked = feedforward_tensions(robot, home, Twist.zero(), Acceleration.zero(), Payload.none())
+    cables, limits = inverse_kinematics(robot, home), (robot.tension_min, robot.tension_max)
+    required_wrench(robot, home, Twist.zero(), Acceleration.zero())
+    wrench = static_wrench(robot, home)
     for method in bounded_methods(robot.number_of_cables):
-        distribute_tensions(asked.wrench_matrix, asked.wrench, robot.tension_min, robot.tension_max, method)
-    available_wrenches(asked.wrench_matrix, robot.tension_min, robot.tension_max)
-    forward_kinematics(robot, lengths, home)
+        distribute_tensions(cables.wrench_matrix, wrench, *limits, method)
+    available_wrenches(cables.wrench_matrix, *limits)
+    forward_kinematics(robot, cables.lengths, home)
 
 
 def main() -> int:
@@ -38,8 +37,7 @@ def main() -> int:
     start = perf_counter()
     robot = Robot.from_yaml(sys.argv[1])
     warm_up(robot)
-    static_wrench(robot, robot.home)  # these two are asked for when a run is analysed
-    balance_regressor(robot.home, Twist.zero(), Acceleration.zero())
+    balance_regressor(robot.home, Twist.zero(), Acceleration.zero())  # asked for when a run is analysed
     print(f"kernels of cspr_kinematics are ready ({perf_counter() - start:.1f} s)")
     return 0
 

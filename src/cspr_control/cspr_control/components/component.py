@@ -59,11 +59,17 @@ class Component:
     ----------
     name
         Of its node, and in diagnostics.
+    *outputs
+        Topics on which it publishes besides ``/diagnostics``.
 
     Attributes
     ----------
     inputs
         Topics that it hears.
+    outputs
+        Topics on which it publishes.
+    calls
+        Services that it calls.
     unusable
         Number of messages that could not be used.
     problem
@@ -71,9 +77,11 @@ class Component:
     """
 
     inputs: ClassVar[tuple[Topic, ...]] = ()
+    calls: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *outputs: Topic) -> None:
         self.name = name
+        self.outputs = (*outputs, DIAGNOSTICS)
         self.unusable = 0
         self.problem = ""
 
@@ -94,6 +102,10 @@ class Component:
     def timers(self) -> tuple[Timer, ...]:
         """Return what it does regularly; the first time one period after the start."""
         return (Timer(REPORT_PERIOD, self.report),)
+
+    def make_safe(self) -> Outputs:
+        """Return what is still to be done when the component is about to end."""
+        return NOTHING
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
         """Return the commands that it takes, by the name of the service."""

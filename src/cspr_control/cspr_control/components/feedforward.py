@@ -24,7 +24,7 @@ class FeedforwardComponent(Component):
     robot
         The robot as the controller believes it to be.
     settings
-        See `FeedforwardSettings`; may be replaced, see ``feedforward.configure``.
+        See `FeedforwardSettings`.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class FeedforwardComponent(Component):
     inputs: ClassVar[tuple[Topic, ...]] = (REFERENCE, PAYLOAD)
 
     def __init__(self, robot: Robot, settings: FeedforwardSettings) -> None:
-        super().__init__("feedforward")
+        super().__init__("feedforward", SETPOINT)
         self.feedforward = Feedforward(robot, settings)
         self.newest: Setpoint | None = None
         self._robot = robot
@@ -51,6 +51,10 @@ class FeedforwardComponent(Component):
         """Count references and payloads apart."""
         super().refuse(topic, problem)
         self._refused_payloads += topic.type == PAYLOAD.type
+
+    def configure(self, settings: FeedforwardSettings) -> None:
+        """Use other settings from the next set-point on; see `Feedforward.configure`."""
+        self.feedforward.configure(settings)
 
     def on_payload(self, now: float, sample: InertiaSample) -> Outputs:
         """Take over the estimate of the payload."""

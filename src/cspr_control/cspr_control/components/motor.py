@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import ClassVar
 
 from cspr_control.components.component import NOTHING, Component, Outputs, Publication
 from cspr_control.motors.motor_control import MotorController, MotorGains
 from cspr_kinematics import Motor
-from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic, motor_command
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.joint_state import JointSample, JointStateSample
 from cspr_msgs_py.wire.samples import Status
-
-
-@dataclass(frozen=True)
-class MotorSettings:
-    """Settings of a motor controller: its gains, and the age at which a set-point is no longer used, s."""
-
-    gains: MotorGains = field(default_factory=MotorGains)
-    setpoint_timeout: float = SETPOINT_TIMEOUT.default
 
 
 class MotorComponent(Component):
@@ -33,18 +23,22 @@ class MotorComponent(Component):
         Of the motor, from 1.
     motor
         Torque limit and friction.
-    settings
-        See `MotorSettings`; the gains may be replaced, see ``controller.set_gains``.
+    gains, setpoint_timeout
+        See `MotorController`.
     """
 
     inputs: ClassVar[tuple[Topic, ...]] = (SETPOINT, MOTOR_STATES)
 
-    def __init__(self, number: int, motor: Motor, settings: MotorSettings) -> None:
-        super().__init__(f"motor_controller_{number}")
-        self.controller = MotorController(motor, settings.gains, settings.setpoint_timeout)
-        self._index = number - 1
+    def __init__(self, number: int, motor: Motor, gains: MotorGains, setpoint_timeout: float) -> None:
         self._command = motor_command(number)
+        super().__init__(f"motor_controller_{number}", self._command)
+        self.controller = MotorController(motor, gains, setpoint_timeout)
+        self._index = number - 1
         self._saturations_reported = 0
+
+    def configure(self, gains: MotorGains) -> None:
+        """Use other gains from the next command on."""
+        self.controller.set_gains(gains)
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Take over the set-point of the motor."""

@@ -22,7 +22,7 @@ class PayloadComponent(Component):
     robot
         The robot as the controller believes it to be.
     settings
-        See `EstimatorSettings`; ``estimator.settings`` may be replaced.
+        See `EstimatorSettings`.
     initial
         Published before the first valid measurement, and where the rate limit starts; none by default.
     """
@@ -30,8 +30,12 @@ class PayloadComponent(Component):
     inputs: ClassVar[tuple[Topic, ...]] = (CABLE_TENSIONS, PLATFORM_POSE)
 
     def __init__(self, robot: Robot, settings: EstimatorSettings, initial: Payload | None = None) -> None:
-        super().__init__("mass_estimator")
+        super().__init__("mass_estimator", PAYLOAD)
         self.estimator = PayloadEstimator(robot, settings, initial)
+
+    def configure(self, settings: EstimatorSettings) -> None:
+        """Use other settings from the next update on."""
+        self.estimator.settings = settings
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
         """Take over the tensions of all cables."""
@@ -52,7 +56,7 @@ class PayloadComponent(Component):
 
     def timers(self) -> tuple[Timer, ...]:
         """Return the update and the report."""
-        return (Timer(UPDATE_PERIOD, self.update), *super().timers())
+        return (*super().timers(), Timer(UPDATE_PERIOD, self.update))
 
     def update(self, now: float) -> Outputs:
         """Return the payload as it is now, and a report when the measurements become usable or cease to be."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 from cspr_control.components.component import NOTHING, Component, Outputs, Publication
 from cspr_control.estimation.pose import PoseEstimator
 from cspr_kinematics import KinematicsError, Robot
-from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.topics import MOTOR_STATES, PLATFORM_POSE, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import NANOSECONDS
@@ -16,32 +14,25 @@ from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import PoseSample, Status
 
 
-@dataclass(frozen=True)
-class PoseSettings:
-    """Settings of the pose estimation: rate of the poses, Hz."""
-
-    rate: float = defaults("pose_estimator")["rate"]
-
-
 class PoseComponent(Component):
-    """Publishes the pose for every n-th motor state, so that poses come at the rate of the settings.
+    """Publishes the pose for every n-th motor state, so that poses come at ``rate``.
 
     Parameters
     ----------
     robot
         The robot as the controller believes it to be.
-    settings
-        See `PoseSettings`.
+    rate
+        Hz.
     period
         Of the control cycle, s.
     """
 
     inputs: ClassVar[tuple[Topic, ...]] = (MOTOR_STATES,)
 
-    def __init__(self, robot: Robot, settings: PoseSettings, period: float) -> None:
-        super().__init__("pose_estimator")
+    def __init__(self, robot: Robot, rate: float, period: float) -> None:
+        super().__init__("pose_estimator", PLATFORM_POSE)
         # Half a cycle less than the interval: jitter of the stamps must not push a pose to the next state.
-        self._interval = round((1.0 / settings.rate - 0.5 * period) * NANOSECONDS)
+        self._interval = round((1.0 / rate - 0.5 * period) * NANOSECONDS)
         self._estimator = PoseEstimator(robot)
         self._stamp = 0
         self._published = 0

@@ -72,9 +72,10 @@ class SupervisionComponent(Component):
         TRAJECTORY_STATE,
         RECORDER_STATE,
     )
+    calls: ClassVar[tuple[str, ...]] = tuple(SERVICES.values())
 
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
-        super().__init__("supervisor")
+        super().__init__("supervisor", ROBOT_STATE)
         self.supervisor = Supervisor(count, limits)
         # The checks run less often than the bus; what arrives in between is replaced unread.
         self._arrived: dict[Callable[[float, JointStateSample], None], tuple[float, JointStateSample]] = {}
@@ -87,7 +88,7 @@ class SupervisionComponent(Component):
 
     def timers(self) -> tuple[Timer, ...]:
         """Return the checks and the report."""
-        return (Timer(PERIOD, self.update), *super().timers())
+        return (*super().timers(), Timer(PERIOD, self.update))
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
         """Return ``enable``, ``stop`` and ``reset``."""

@@ -72,7 +72,7 @@ class TrajectoryComponent(Component):
     inputs: ClassVar[tuple[Topic, ...]] = (MOTOR_STATES, PLATFORM_POSE, ROBOT_STATE)
 
     def __init__(self, robot: Robot, settings: TrajectorySettings, period: float) -> None:
-        super().__init__("trajectory_publisher")
+        super().__init__("trajectory_publisher", REFERENCE, TRAJECTORY_STATE)
         self.player = TrajectoryPlayer(
             settings.options.limits, settings.dwell, settings.stop_time, settings.max_gap
         )

@@ -1,4 +1,4 @@
-"""Feed-forward: from the reference of the platform to the set-point of each motor (eqs. 6, 8 and 15)."""
+"""Feed-forward: from the reference of the platform to the set-point of each motor (eqs. 1-15)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from cspr_control.errors import PayloadError, SettingError
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import (
-    Acceleration,
-    FeedforwardTensions,
     Method,
     Payload,
     Robot,
     SingularWrenchMatrixError,
     TensionBlend,
-    Twist,
     available_wrenches,
-    feedforward_tensions,
+    inverse_kinematics,
+    required_wrench,
+    static_wrench,
 )
 from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStatus
@@ -29,8 +28,6 @@ LARGEST_OFFSET = 10.0
 """Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
 
 _DEFAULT = defaults("feedforward")
-_AT_REST = Twist.zero()
-_UNACCELERATED = Acceleration.zero()
 
 
 @dataclass(frozen=True)
@@ -249,7 +246,7 @@ class Feedforward:
         return self._estimate, PayloadStatus.HELD if stale else PayloadStatus.ESTIMATED
 
     def compute(self, time: float, reference: ReferencePoint) -> Setpoint:
-        """Set-point of all motors for one reference.
+        """Set-point of all motors for one reference; the numbers are the paper's equations, as in docs/model.md.
 
         Parameters
         ----------
@@ -258,31 +255,29 @@ class Feedforward:
         reference
             A single point, not a batch.
         """
-        robot, model = self._robot, self._settings.model
+        robot, winch, model = self._robot, self._robot.winch, self._settings.model
+        pose, twist = reference.pose, reference.twist
         payload, status = self.payload_in_use(time)
-        moving = model is FeedforwardModel.DYNAMIC
-        asked = feedforward_tensions(
-            robot,
-            reference.pose,
-            reference.twist if moving else _AT_REST,
-            reference.acceleration if moving else _UNACCELERATED,
-            payload,
-        )
-        twist = np.concatenate((reference.twist.linear, reference.twist.angular))
-        length_rates = -(twist @ asked.wrench_matrix)
-        modelled = model is not FeedforwardModel.NONE
-        if modelled:
-            tensions, feasible, residual = self._distributed(time, asked)
+
+        cables = inverse_kinematics(robot, pose)  # lengths (1)-(3), Jacobian (7)
+        length_rates = cables.jacobian @ np.concatenate((twist.linear, twist.angular))  # (5), (6)
+        if model is FeedforwardModel.DYNAMIC:
+            wrench = required_wrench(robot, pose, twist, reference.acceleration, payload)  # (8)-(13)
         else:
+            wrench = static_wrench(robot, pose, payload)  # the weight alone (13)
+        if model is FeedforwardModel.NONE:
             tensions, feasible, residual = np.zeros(robot.number_of_cables), True, 0.0
-        winch = robot.winch
+        else:
+            tensions, feasible, residual = self._distributed(time, cables.wrench_matrix, wrench)  # (15)
+        torque = winch.motor_torque(tensions)  # (6)
+
         return Setpoint(
-            winch.motor_angle(asked.lengths),
-            winch.motor_speed(length_rates),
-            self._bridged(time, winch.motor_torque(tensions), status),
+            winch.motor_angle(cables.lengths),  # (6)
+            winch.motor_speed(length_rates),  # (6)
+            self._bridged(time, torque, status),
             tensions,
-            asked.wrench_matrix,
-            asked.wrench,
+            cables.wrench_matrix,
+            wrench,
             feasible,
             residual,
             payload,
@@ -290,17 +285,12 @@ class Feedforward:
         )
 
     def _distributed(
-        self, time: float, asked: FeedforwardTensions
+        self, time: float, wrench_matrix: NDArray[np.float64], wrench: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], bool, float]:
         """Tensions by the method of the settings, whether they are feasible, and their wrench error."""
-        blend = self._blend
-        if blend.settled and blend.method == "closest":
-            return asked.tensions, bool(asked.feasible), float(asked.residual)
         robot = self._robot
-        since = 0.0 if self._effort is None else time - self._time
-        found = blend.distribute(
-            asked.wrench_matrix, asked.wrench, robot.tension_min, robot.tension_max, since
-        )
+        since = 0.0 if self._effort is None else max(time - self._time, 0.0)
+        found = self._blend.distribute(wrench_matrix, wrench, robot.tension_min, robot.tension_max, since)
         return found.tensions, bool(found.feasible), float(found.residual)
 
     def _bridged(

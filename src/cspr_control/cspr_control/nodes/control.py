@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from rclpy.node import Node
 
+from cspr_control.nodes.component_node import Wiring
 from cspr_control.nodes.feedforward import FeedforwardNode
 from cspr_control.nodes.mass_estimator import MassEstimatorNode
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.pose_estimator import PoseEstimatorNode
 from cspr_control.nodes.supervisor import SupervisorNode
 from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
-from cspr_msgs_py.runtime.process import run_nodes, shared_subscriptions
+from cspr_msgs_py.runtime.process import run_nodes
 
 
-def create_control_nodes() -> Sequence[Node]:
+def create_control_nodes(wiring: Wiring | None = None, **options: Any) -> Sequence[Node]:
     """Create the nodes, motor controllers first: their answers to a motor state are the most urgent."""
-    with shared_subscriptions():
-        gains = MotorControlGains()
-        return [
-            gains,
-            *gains.controllers,
-            TrajectoryPublisher(),
-            FeedforwardNode(),
-            PoseEstimatorNode(),
-            MassEstimatorNode(),
-            SupervisorNode(),
-        ]
+    options["wiring"] = wiring or Wiring()
+    gains = MotorControlGains(**options)
+    others = (TrajectoryPublisher, FeedforwardNode, PoseEstimatorNode, MassEstimatorNode, SupervisorNode)
+    return [gains, *gains.controllers, *(node(**options) for node in others)]
 
 
 def main() -> int:

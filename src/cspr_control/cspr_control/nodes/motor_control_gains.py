@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from cspr_control.motors.motor_control import MotorGains
+from cspr_control.nodes.component_node import Wiring
 from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
 from cspr_control.parameters.settings import motor_gains
@@ -26,16 +27,17 @@ class MotorControlGains(Node):
         One node a motor of the robot.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, wiring: Wiring | None = None, **options: Any) -> None:
         super().__init__("motor_control_gains", **options)
         robot = declare_robot(self)
         declare_all(self)
-        parameters = ChangeableParameters(self, partial(motor_gains, robot), self._apply)
+        gains = ChangeableParameters(self, partial(motor_gains, robot), self._apply).settings
+        wiring = wiring or Wiring()
         self.controllers = tuple(
-            MotorControllerNode(motor, parameters.settings, robot, **options)
+            MotorControllerNode(motor, gains, wiring=wiring, robot=robot, **options)
             for motor in range(1, robot.number_of_cables + 1)
         )
 
     def _apply(self, gains: MotorGains) -> None:
         for controller in self.controllers:
-            controller.set_gains(gains)
+            controller.component.configure(gains)

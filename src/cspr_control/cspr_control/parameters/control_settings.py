@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from cspr_control.components.motor import MotorSettings
-from cspr_control.components.pose import PoseSettings
 from cspr_control.components.trajectory import TrajectorySettings
 from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings
+from cspr_control.motors.motor_control import MotorGains
 from cspr_control.parameters.settings import (
     estimator_settings,
     feedforward_settings,
@@ -19,18 +18,31 @@ from cspr_control.parameters.settings import (
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.parameters.table import CONTROL_RATE
+from cspr_msgs_py.parameters.table import CONTROL_RATE, SETPOINT_TIMEOUT, defaults
 
 
 @dataclass(frozen=True)
 class ControlSettings:
-    """Settings of every component of the control graph; `period` is that of the control cycle, s."""
+    """Settings of every component of the control graph.
+
+    Attributes
+    ----------
+    trajectory, feedforward, gains, payload, supervision
+        Of trajectory player, feed-forward, motor controllers, payload estimation and supervisor.
+    period
+        Of the control cycle, s.
+    setpoint_timeout
+        Age at which motor controllers no longer use a set-point, s.
+    pose_rate
+        Rate of the estimated poses, Hz.
+    """
 
     trajectory: TrajectorySettings
     period: float = 1.0 / CONTROL_RATE.default
     feedforward: FeedforwardSettings = field(default_factory=FeedforwardSettings)
-    motors: MotorSettings = field(default_factory=MotorSettings)
-    pose: PoseSettings = field(default_factory=PoseSettings)
+    gains: MotorGains = field(default_factory=MotorGains)
+    setpoint_timeout: float = SETPOINT_TIMEOUT.default
+    pose_rate: float = defaults("pose_estimator")["rate"]
     payload: EstimatorSettings = field(default_factory=EstimatorSettings)
     supervision: SupervisionLimits = field(default_factory=SupervisionLimits)
 
@@ -49,8 +61,9 @@ def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings
         trajectory_settings(robot, parameters.values("trajectory_publisher")),
         1.0 / gains["control_rate"],
         feedforward_settings(robot.number_of_cables, parameters.values("feedforward")),
-        MotorSettings(motor_gains(robot, gains), controllers["setpoint_timeout"]),
-        PoseSettings(parameters.values("pose_estimator")["rate"]),
+        motor_gains(robot, gains),
+        controllers["setpoint_timeout"],
+        parameters.values("pose_estimator")["rate"],
         estimator_settings(parameters.values("mass_estimator")),
         supervision_limits(robot, parameters.values("supervisor")),
     )

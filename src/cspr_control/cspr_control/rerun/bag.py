@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
-from cspr_control.rerun.rerun import EstimatedPayloads, Setpoints
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
-from cspr_msgs_py.wire.joint_state import JointStateCodec
-from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.bag.reader import Inertias, JointStates
+from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.samples import InertiaSample
+from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 _RULE = "=" * 80
 _HEADER = f"{_RULE}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
@@ -30,8 +29,8 @@ DEFINITIONS = {
 
 def write_rerun(
     directory: Path,
-    payloads: EstimatedPayloads | None,
-    setpoints: Setpoints | None,
+    payloads: Inertias | None,
+    setpoints: JointStates | None,
     information: Mapping[str, str],
     files: Mapping[str, bytes],
 ) -> None:
@@ -55,29 +54,19 @@ def write_rerun(
     """
     messages: list[tuple[int, topics.Topic, bytes]] = []
     if payloads is not None:
-        inertia = StampedDoublesCodec(topics.PLATFORM_FRAME, 10)
-        moments = np.zeros(6)  # a point mass
+        encode = topic_codec(topics.PAYLOAD, 0).encode
+        columns = (payloads.time_ns.tolist(), payloads.mass.tolist(), payloads.center_of_mass)
         messages += [
-            (time, topics.PAYLOAD, inertia.encode(stamp, [mass, *center, *moments]))
-            for stamp, time, mass, center in zip(
-                payloads.time_ns.tolist(),
-                payloads.log_time_ns.tolist(),
-                payloads.mass,
-                payloads.center_of_mass,
-                strict=True,
-            )
+            (time, topics.PAYLOAD, encode(InertiaSample(*values)))
+            for time, *values in zip(payloads.log_time_ns.tolist(), *columns, strict=True)
         ]
     if setpoints is not None:
-        joints = JointStateCodec(topics.motor_names(setpoints.position.shape[1]))
+        encode = topic_codec(topics.SETPOINT, len(setpoints.names)).encode
+        fields = (setpoints.position, setpoints.velocity, setpoints.effort)
         messages += [
-            (time, topics.SETPOINT, joints.encode(stamp, position, velocity, effort))
-            for stamp, time, position, velocity, effort in zip(
-                setpoints.time_ns.tolist(),
-                setpoints.log_time_ns.tolist(),
-                setpoints.position,
-                setpoints.velocity,
-                setpoints.effort,
-                strict=True,
+            (time, topics.SETPOINT, encode(JointStateSample(*values)))
+            for time, *values in zip(
+                setpoints.log_time_ns.tolist(), setpoints.time_ns.tolist(), *fields, strict=True
             )
         ]
     messages.sort(key=lambda message: message[0])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.mass import MassTrace, settling_time
-from cspr_control.rerun.rerun import EstimatedPayloads, Setpoints
+from cspr_control.rerun.rerun import EstimatedPayloads
 from cspr_msgs_py.bag.reader import Inertias, JointStates
 
 _EXACT = 0.0
@@ -100,9 +100,7 @@ def compare_payloads(
     )
 
 
-def _quality(
-    estimate: Inertias | EstimatedPayloads | None, truth: Inertias | None, tensions: JointStates
-) -> MassQuality | None:
+def _quality(estimate: Inertias | None, truth: Inertias | None, tensions: JointStates) -> MassQuality | None:
     if estimate is None or truth is None or len(estimate.mass) == 0:
         return None
     # a truth that is told on after the estimates have ended says nothing about them
@@ -121,7 +119,7 @@ def _quality(
     )
 
 
-def compare_setpoints(rerun: Setpoints, recorded: JointStates | None) -> SetpointComparison:
+def compare_setpoints(rerun: JointStates, recorded: JointStates | None) -> SetpointComparison:
     """Compare set-points; those of one stamp belong together."""
     if recorded is None:
         return SetpointComparison(0, len(rerun.time_ns), 0, 0, None, None, None, None)

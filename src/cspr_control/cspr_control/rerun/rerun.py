@@ -1,13 +1,13 @@
 """The payload estimator and the feed-forward once more over what was recorded, sample by sample.
 
-The very objects that the nodes call, fed in the order and at the times at which the messages arrived. Nothing here
+The components of the control graph, fed in the order and at the times at which the messages arrived. Nothing here
 depends on the machine's clock or load: the same recording gives the same numbers.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from heapq import merge
 from typing import Any, Generic, TypeVar
@@ -15,19 +15,25 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.errors import MeasurementError, PayloadError
-from cspr_control.estimation.payload import UPDATE_PERIOD, EstimatorSettings, PayloadEstimator
-from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import KinematicsError, Payload, Pose, Robot
+from cspr_control.components.component import NOTHING, Outputs, Publication
+from cspr_control.components.feedforward import FeedforwardComponent
+from cspr_control.components.payload import PayloadComponent
+from cspr_control.estimation.payload import UPDATE_PERIOD, EstimatorSettings
+from cspr_control.graph import ControlGraph
+from cspr_control.motors.feedforward import FeedforwardSettings
+from cspr_kinematics import Payload, Robot
+from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Inertias, JointStates, Poses, References
+from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import VECTORS, ReferenceSample
+from cspr_msgs_py.wire.samples import InertiaSample, PoseSample
 
-Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 Settings = TypeVar("Settings")
 
 Progress = Callable[[float], None]
+Stream = tuple[Sequence[int], Callable[[float, int], Outputs]]
+"""Times in ns, and what happens at one of them: called with monotonic time in s and the index of the time."""
 
 _SECOND = 1e-9  # s in a nanosecond
 _PERIOD = round(UPDATE_PERIOD * 1e9)  # ns
@@ -52,51 +58,21 @@ class Schedule(Generic[Settings]):
     first: Settings
     changes: tuple[tuple[int, Settings], ...] = ()
 
+    def stream(self, configure: Callable[[Settings], None]) -> Stream:
+        """Return the changes, as actions in the order of time."""
 
-@dataclass(frozen=True, eq=False)
-class EstimatedPayloads:
-    """Published estimates: n of them, as messages on ``/payload``.
+        def change(now: float, index: int) -> Outputs:
+            configure(self.changes[index][1])
+            return NOTHING
 
-    Attributes
-    ----------
-    update
-        Index of the update that each came of, (n,).
-    time_ns, log_time_ns
-        Stamp in the message, and when it was published; (n,).
-    mass, center_of_mass
-        kg (n,), and m (n, 3) in platform.
-    valid
-        Whether the newest measurement was used; (n,).
-    """
-
-    update: NDArray[np.int64]
-    time_ns: Times
-    log_time_ns: Times
-    mass: Floats
-    center_of_mass: Floats
-    valid: NDArray[np.bool_]
+        return [time for time, _ in self.changes], change
 
 
-@dataclass(frozen=True, eq=False)
-class Setpoints:
-    """Set-points of all m motors: n of them, as messages on ``/setpoint``.
+@dataclass(frozen=True)
+class EstimatedPayloads(Inertias):
+    """Published estimates; `update` is the index of the update that each came of, shape (n,)."""
 
-    Attributes
-    ----------
-    time_ns, log_time_ns
-        Stamp in the message, and when the reference that it answers had arrived; (n,).
-    position, velocity, effort
-        rad, rad/s and N m; (n, m).
-    feasible
-        Whether the cables can give the wrench; (n,).
-    """
-
-    time_ns: Times
-    log_time_ns: Times
-    position: Floats
-    velocity: Floats
-    effort: Floats
-    feasible: NDArray[np.bool_]
+    update: Times
 
 
 def update_times(
@@ -169,52 +145,37 @@ def rerun_estimator(
     progress
         Called now and then with the share that is done.
     """
-    estimator = PayloadEstimator(robot, settings.first, initial)
+    component = PayloadComponent(robot, settings.first, initial)
+    graph = ControlGraph((component,))
     begin = updates[first]
-    rows: list[tuple[int, int, int, float, Floats, bool]] = []
 
-    def change(time: int, index: int) -> None:
-        estimator.settings = settings.changes[index][1]
+    def observe_tensions(now: float, index: int) -> Outputs:
+        if tensions.log_time_ns[index] <= begin - _PERIOD:  # part of an update before the first one known
+            return NOTHING
+        return graph.deliver(topics.CABLE_TENSIONS, now, _joint_state(tensions, index))
 
-    def observe_tensions(time: int, index: int) -> None:
-        if time <= begin - _PERIOD:  # they took part in an update before the first one known
-            return
-        stamp = int(tensions.time_ns[index])
-        try:
-            estimator.observe_tensions((time - begin) * _SECOND, stamp, tensions.effort[index])
-        except MeasurementError:  # the node, too, passes over it
-            return
+    def observe_pose(now: float, index: int) -> Outputs:
+        stamp = int(poses.time_ns[index])
+        sample = PoseSample(stamp, poses.position[index], poses.quaternion_xyzw[index])
+        return graph.deliver(topics.PLATFORM_POSE, now, sample)
 
-    def observe_pose(time: int, index: int) -> None:
-        try:
-            pose = Pose.from_quaternion(poses.position[index], poses.quaternion_xyzw[index])
-        except KinematicsError:
-            return
-        estimator.observe_pose((time - begin) * _SECOND, int(poses.time_ns[index]), pose)
-
-    def update(time: int, index: int) -> None:
-        estimate = estimator.update((time - begin) * _SECOND)
-        if estimate.samples > 0:
-            payload = estimate.published
-            rows.append(
-                (first + index, estimate.stamp, time, payload.mass, payload.center_of_mass, estimate.valid)
-            )
-
-    changes = [time for time, _ in settings.changes]
-    arrivals = (tensions.log_time_ns, poses.log_time_ns)
-    handlers = (change, observe_tensions, observe_pose, update)
-    for time, handler, index in _in_order(
-        progress, changes, *(times.tolist() for times in arrivals), updates[first:]
-    ):
-        handlers[handler](time, index)
-    indices, stamps, times, masses, centers, valid = _columns(rows, 6)
+    published = _published(
+        topics.PAYLOAD,
+        begin,
+        progress,
+        settings.stream(component.configure),
+        (tensions.log_time_ns.tolist(), observe_tensions),
+        (poses.log_time_ns.tolist(), observe_pose),
+        (updates[first:], lambda now, index: component.update(now)),
+    )
+    samples = [sample for _, _, sample in published]
     return EstimatedPayloads(
-        np.array(indices, dtype=np.int64),
-        np.array(stamps, dtype=np.int64),
-        np.array(times, dtype=np.int64),
-        np.array(masses, dtype=float),
-        np.array(centers, dtype=float).reshape(-1, 3),
-        np.array(valid, dtype=bool),
+        tensions.start_ns,
+        np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
+        np.array([time for time, _, _ in published], dtype=np.int64),
+        np.array([sample.mass for sample in samples], dtype=float),
+        np.array([sample.center_of_mass for sample in samples], dtype=float).reshape(-1, 3),
+        np.array([first + index for _, index, _ in published], dtype=np.int64),
     )
 
 
@@ -222,11 +183,11 @@ def rerun_feedforward(
     robot: Robot,
     settings: Schedule[FeedforwardSettings],
     references: References,
-    payloads: Inertias | EstimatedPayloads | None,
+    payloads: Inertias | None,
     initial: Payload | None = None,
     progress: Progress = _silent,
-) -> Setpoints:
-    """Answer recorded references with set-points.
+) -> JointStates:
+    """Answer recorded references with set-points; each is published when its reference has arrived.
 
     Parameters
     ----------
@@ -241,66 +202,70 @@ def rerun_feedforward(
     progress
         Called now and then with the share that is done.
     """
-    feedforward = Feedforward(robot, settings.first)
-    begin = int(references.log_time_ns[0])
+    component = FeedforwardComponent(robot, settings.first)
+    graph = ControlGraph((component,))
     if initial is not None:
-        feedforward.set_estimate(0.0, initial.mass, initial.center_of_mass)
-    rows: list[tuple[int, int, Floats, Floats, Floats, bool]] = []
+        graph.deliver(topics.PAYLOAD, 0.0, InertiaSample(0, initial.mass, initial.center_of_mass))
 
-    def change(time: int, index: int) -> None:
-        feedforward.configure(settings.changes[index][1])
-
-    def take_payload(time: int, index: int) -> None:
+    def take_payload(now: float, index: int) -> Outputs:
         assert payloads is not None  # it gave the times of these calls
-        try:
-            feedforward.set_estimate(
-                (time - begin) * _SECOND, float(payloads.mass[index]), payloads.center_of_mass[index]
-            )
-        except PayloadError:  # the node, too, keeps the previous one
-            return
+        stamp, mass = int(payloads.time_ns[index]), float(payloads.mass[index])
+        sample = InertiaSample(stamp, mass, payloads.center_of_mass[index])
+        return graph.deliver(topics.PAYLOAD, now, sample)
 
-    def answer(time: int, index: int) -> None:
+    def answer(now: float, index: int) -> Outputs:
         vectors = {name: getattr(references, name)[index] for name in VECTORS}
-        stamp = int(references.time_ns[index])
-        sample = ReferenceSample(stamp, float(references.time_from_start[index]), **vectors)
-        try:
-            setpoint = feedforward.compute((time - begin) * _SECOND, ReferencePoint.of_sample(sample))
-        except KinematicsError:  # the node, too, stays silent
-            return
-        rows.append((stamp, time, setpoint.position, setpoint.velocity, setpoint.effort, setpoint.feasible))
+        stamp, elapsed = int(references.time_ns[index]), float(references.time_from_start[index])
+        return graph.deliver(topics.REFERENCE, now, ReferenceSample(stamp, elapsed, **vectors))
 
-    changes = [time for time, _ in settings.changes]
-    estimates: list[int] = [] if payloads is None else payloads.log_time_ns.tolist()
-    handlers = (change, take_payload, answer)
-    for time, handler, index in _in_order(progress, changes, estimates, references.log_time_ns.tolist()):
-        handlers[handler](time, index)
-    stamps, times, positions, velocities, efforts, feasible = _columns(rows, 6)
+    published = _published(
+        topics.SETPOINT,
+        int(references.log_time_ns[0]),
+        progress,
+        settings.stream(component.configure),
+        ([] if payloads is None else payloads.log_time_ns.tolist(), take_payload),
+        (references.log_time_ns.tolist(), answer),
+    )
     m = robot.number_of_cables
-    return Setpoints(
-        np.array(stamps, dtype=np.int64),
-        np.array(times, dtype=np.int64),
-        np.array(positions, dtype=float).reshape(-1, m),
-        np.array(velocities, dtype=float).reshape(-1, m),
-        np.array(efforts, dtype=float).reshape(-1, m),
-        np.array(feasible, dtype=bool),
+    samples = [sample for _, _, sample in published]
+    return JointStates(
+        references.start_ns,
+        np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
+        np.array([time for time, _, _ in published], dtype=np.int64),
+        topics.motor_names(m),
+        np.array([sample.position for sample in samples], dtype=float).reshape(-1, m),
+        np.array([sample.velocity for sample in samples], dtype=float).reshape(-1, m),
+        np.array([sample.effort for sample in samples], dtype=float).reshape(-1, m),
     )
 
 
-def _in_order(progress: Progress, *streams: Sequence[int]) -> Iterator[tuple[int, int, int]]:
-    """Yield time, number of the stream and index in it, in the order of time; at one time, earlier streams first."""
-    total = sum(map(len, streams))
+def _joint_state(states: JointStates, index: int) -> JointStateSample:
+    fields = (states.position, states.velocity, states.effort)
+    return JointStateSample(int(states.time_ns[index]), *(field[index] for field in fields))
+
+
+def _published(
+    topic: topics.Topic, begin: int, progress: Progress, *streams: Stream
+) -> list[tuple[int, int, Any]]:
+    """Let the streams act in the order of time; at one time, earlier streams first.
+
+    Returns
+    -------
+    Time (ns), index of the action in its stream, and sample of all that is published on the topic.
+    """
+    total = sum(len(times) for times, _ in streams)
     ordered = merge(
         *(
-            sorted((time, number, index) for index, time in enumerate(stream))
-            for number, stream in enumerate(streams)
+            sorted((time, number, index) for index, time in enumerate(times))
+            for number, (times, _) in enumerate(streams)
         )
     )
-    for done, event in enumerate(ordered):
+    published = []
+    for done, (time, number, index) in enumerate(ordered):
         if done % 1000 == 0:
             progress(done / total)
-        yield event
+        for output in streams[number][1]((time - begin) * _SECOND, index):
+            if isinstance(output, Publication) and output.topic is topic:
+                published.append((time, index, output.sample))
     progress(1.0)
-
-
-def _columns(rows: list[Any], number: int) -> list[tuple[Any, ...]]:
-    return list(zip(*rows, strict=True)) if rows else [()] * number
+    return published

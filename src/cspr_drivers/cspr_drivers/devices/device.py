@@ -13,6 +13,7 @@ import canopen
 from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.canopen.object_entry import Parameter, Setting
 from cspr_drivers.clock import Clock
+from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 
 BOOT_UP = 0  # NMT state in the heartbeat of a device that has just started (CiA 301, section 7.2.8.3.3)
@@ -245,18 +246,17 @@ class CanopenDevice:
         """Count the heartbeat's age from now on: the device has just been told to send it."""
         self._heartbeat = self.clock.monotonic()
 
-    def not_operational(self, grace: float) -> str:
-        """Return the NMT state of a device that was started and is not operational; empty when all is well.
-
-        Parameters
-        ----------
-        grace
-            Time after the start, s, for which heartbeats may still be older than it.
-        """
+    def problem(self, now: float, times: Timeouts) -> str:
+        """Return, in words, that the device is silent or has left NMT operational; empty when all is well."""
+        age = self.heartbeat_age(now)
+        if age > times.heartbeat_consumer:
+            return f"no heartbeat for {1e3 * age:.0f} ms"
         started, state = self._started, self._nmt_state
-        if started is None or state is None or state == OPERATIONAL or self._heartbeat < started + grace:
+        if started is None or state is None or state == OPERATIONAL:
             return ""
-        return nmt_state_text(state)
+        if self._heartbeat < started + times.heartbeat_producer:
+            return ""  # it may be older than the start
+        return f"left NMT operational, it is {nmt_state_text(state)}"
 
     @property
     def nmt_state(self) -> str:

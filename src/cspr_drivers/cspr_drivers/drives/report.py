@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cspr_drivers.devices.setup import DriveFacts
-from cspr_drivers.drives.cycle import CycleStatistics
+from cspr_drivers.drives.cycle_watch import CycleStatistics
 from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.status import DriveStatus
 

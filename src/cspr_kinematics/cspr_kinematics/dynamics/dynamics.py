@@ -54,9 +54,9 @@ def required_wrench(
     InvalidInputError
         If the batch axes do not broadcast, or the external wrench is not finite or has another shape.
     """
-    batch, arrays = motion_arrays(pose, twist, acceleration)
+    batch, arrays = _motion_arrays(pose, twist, acceleration)
     wrench = np.empty((math.prod(batch), 6))
-    required_wrenches(total_parameters(robot, payload), *arrays, wrench)
+    required_wrenches(_total_parameters(robot, payload), *arrays, wrench)
     return _less_external(wrench.reshape((*batch, 6)), external_wrench)
 
 
@@ -72,7 +72,7 @@ def static_wrench(
     """
     n = math.prod(pose.batch_shape)
     wrench = np.empty((n, 6))
-    static_wrenches(total_parameters(robot, payload), kernel_input(pose.rotation, n, 3, 3), wrench)
+    static_wrenches(_total_parameters(robot, payload), kernel_input(pose.rotation, n, 3, 3), wrench)
     return _less_external(wrench.reshape(*pose.batch_shape, 6), external_wrench)
 
 
@@ -92,13 +92,13 @@ def balance_regressor(pose: Pose, twist: Twist, acceleration: Acceleration) -> F
     InvalidInputError
         If the batch axes do not broadcast.
     """
-    batch, arrays = motion_arrays(pose, twist, acceleration)
+    batch, arrays = _motion_arrays(pose, twist, acceleration)
     regressor = np.empty((math.prod(batch), 6, 10))
     balance_regressors(*arrays, regressor)
     return regressor.reshape(*batch, 6, 10)
 
 
-def total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
+def _total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
     """Return the inertial parameters (10,) of platform and payload: about a common origin they add up."""
     parameters = robot.platform.inertial_parameters
     if payload is None or payload.mass == 0.0:
@@ -108,7 +108,7 @@ def total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
     return total
 
 
-def motion_arrays(
+def _motion_arrays(
     pose: Pose, twist: Twist, acceleration: Acceleration
 ) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
     """Return the common batch axes, and rotations, omega, a and alpha as kernels take them.

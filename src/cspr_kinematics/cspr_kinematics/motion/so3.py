@@ -22,11 +22,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     )
 
 
-def rotate(rotation: FloatArray, vector: FloatArray) -> FloatArray:
-    """Apply rotations, or any other matrices, (..., 3, 3) to vectors (..., 3)."""
-    return np.asarray((rotation @ vector[..., None])[..., 0])
-
-
 def skew(vector: FloatArray) -> FloatArray:
     """Matrix [v]x (..., 3, 3) with [v]x a = v x a, from v (..., 3)."""
     matrix = np.zeros((*vector.shape, 3))
@@ -79,12 +74,3 @@ def rotation_from_vector(vector: FloatArray) -> FloatArray:
     sine_factor = np.sin(angle) / angle
     cosine_factor = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
     return np.asarray(_IDENTITY + sine_factor * matrix + cosine_factor * (matrix @ matrix))
-
-
-def orthonormalised(rotation: FloatArray) -> FloatArray:
-    """Remove the rounding errors of a nearly orthonormal matrix (..., 3, 3).
-
-    One Newton step towards the orthogonal factor of the polar decomposition: it squares the defect.
-    """
-    defect = rotation.swapaxes(-1, -2) @ rotation
-    return np.asarray(rotation @ (1.5 * _IDENTITY - 0.5 * defect))

@@ -21,11 +21,39 @@ from cspr_kinematics.errors import InvalidInputError
 # Rounding allowance, relative to the largest element, in the tests of what an inertia must be.
 _INERTIA_TOLERANCE = 1e-9
 # Where the elements of an inertia tensor stand among the inertial parameters.
-TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+_TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
 @dataclass(frozen=True, eq=False)
-class RigidBody(ReadOnlyArrays):
+class _MassProperties(ReadOnlyArrays):
+    """Mass and centre of mass, with the moments that follow from them: those of a point mass."""
+
+    mass: float
+    center_of_mass: FloatArray
+
+    @cached_property
+    def first_moment(self) -> FloatArray:
+        """Mass times centre of mass, shape (3,), kg m."""
+        return frozen(self.mass * self.center_of_mass)
+
+    @cached_property
+    def inertia_about_origin(self) -> FloatArray:
+        """Inertia tensor about the platform's origin, shape (3, 3), kg m^2 (I_P of docs/model.md, section 4)."""
+        return frozen(_point_inertia(self.mass, self.center_of_mass))
+
+    @cached_property
+    def inertial_parameters(self) -> FloatArray:
+        """The ten parameters in which the wrench is linear, shape (10,), in platform axes.
+
+        Mass, first moment (3), and of the inertia tensor about the platform's origin Ixx, Ixy, Ixz, Iyy, Iyz,
+        Izz.
+        """
+        moments = self.inertia_about_origin[np.triu_indices(3)]
+        return frozen(np.concatenate(([self.mass], self.first_moment, moments)))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody(_MassProperties):
     """Mass properties of a rigid body, in platform axes.
 
     Attributes
@@ -45,8 +73,6 @@ class RigidBody(ReadOnlyArrays):
         no body can have.
     """
 
-    mass: float
-    center_of_mass: FloatArray
     inertia: FloatArray
 
     def __init__(self, mass: float, center_of_mass: ArrayLike, inertia: ArrayLike) -> None:
@@ -55,23 +81,9 @@ class RigidBody(ReadOnlyArrays):
         object.__setattr__(self, "inertia", _inertia("inertia", inertia))
 
     @cached_property
-    def first_moment(self) -> FloatArray:
-        """Mass times centre of mass, shape (3,), kg m."""
-        return frozen(self.mass * self.center_of_mass)
-
-    @cached_property
     def inertia_about_origin(self) -> FloatArray:
-        """Inertia tensor about the platform's origin, shape (3, 3), kg m^2 (MODEL section 4, I_P)."""
-        return frozen(self.inertia + point_inertia(self.mass, self.center_of_mass))
-
-    @cached_property
-    def inertial_parameters(self) -> FloatArray:
-        """The ten parameters that the wrench is linear in, shape (10,), in platform axes.
-
-        Mass, first moment (3), and of the inertia tensor about the platform's origin Ixx, Ixy, Ixz, Iyy, Iyz,
-        Izz.
-        """
-        return _parameters(self.mass, self.first_moment, self.inertia_about_origin)
+        """Inertia tensor about the platform's origin, shape (3, 3), kg m^2 (I_P of docs/model.md, section 4)."""
+        return frozen(self.inertia + _point_inertia(self.mass, self.center_of_mass))
 
     @classmethod
     def from_inertial_parameters(cls, parameters: ArrayLike) -> RigidBody:
@@ -90,12 +102,12 @@ class RigidBody(ReadOnlyArrays):
             )
         mass = positive_number("mass", pi[0])
         center = pi[1:4] / mass
-        about_origin = pi[TENSOR_PLACES]
-        return cls(mass, center, about_origin - point_inertia(mass, center))
+        about_origin = pi[_TENSOR_PLACES]
+        return cls(mass, center, about_origin - _point_inertia(mass, center))
 
 
 @dataclass(frozen=True, eq=False)
-class Payload(ReadOnlyArrays):
+class Payload(_MassProperties):
     """What the platform carries: a point mass fixed to it.
 
     Attributes
@@ -111,9 +123,6 @@ class Payload(ReadOnlyArrays):
         If the mass is negative, or a value is not finite or has another shape.
     """
 
-    mass: float
-    center_of_mass: FloatArray
-
     def __init__(self, mass: float, center_of_mass: ArrayLike) -> None:
         object.__setattr__(self, "mass", non_negative_number("payload mass", mass))
         object.__setattr__(self, "center_of_mass", _single_vector("payload center_of_mass", center_of_mass))
@@ -123,46 +132,10 @@ class Payload(ReadOnlyArrays):
         """No payload."""
         return cls(0.0, np.zeros(3))
 
-    @cached_property
-    def first_moment(self) -> FloatArray:
-        """Mass times centre of mass, shape (3,), kg m."""
-        return frozen(self.mass * self.center_of_mass)
 
-    @cached_property
-    def inertia_about_origin(self) -> FloatArray:
-        """Inertia tensor about the platform's origin, shape (3, 3), kg m^2."""
-        return frozen(point_inertia(self.mass, self.center_of_mass))
-
-    @cached_property
-    def inertial_parameters(self) -> FloatArray:
-        """The ten parameters that the wrench is linear in, shape (10,), in platform axes.
-
-        Mass, first moment (3), and of the inertia tensor about the platform's origin Ixx, Ixy, Ixz, Iyy, Iyz,
-        Izz.
-        """
-        return _parameters(self.mass, self.first_moment, self.inertia_about_origin)
-
-
-def point_inertia(mass: float, position: FloatArray) -> FloatArray:
+def _point_inertia(mass: float, position: FloatArray) -> FloatArray:
     """Inertia tensor (3, 3) about the origin of a point mass at `position` (3,), kg m^2."""
     return np.asarray(mass * ((position @ position) * np.eye(3) - np.outer(position, position)))
-
-
-def _parameters(mass: float, first_moment: FloatArray, inertia: FloatArray) -> FloatArray:
-    return frozen(np.concatenate(([mass], first_moment, inertia[np.triu_indices(3)])))
-
-
-def combine(body: RigidBody, payload: Payload) -> RigidBody:
-    """Return the rigid body that `body` and the point mass `payload` form together.
-
-    The two inertias about the common centre of mass add to that of `body` about its own and that of the
-    reduced mass at the distance of the two (parallel axes).
-    """
-    mass = body.mass + payload.mass
-    center = (body.first_moment + payload.first_moment) / mass
-    reduced_mass = body.mass * payload.mass / mass
-    offset = payload.center_of_mass - body.center_of_mass
-    return RigidBody(mass, center, body.inertia + point_inertia(reduced_mass, offset))
 
 
 def _single_vector(name: str, value: ArrayLike) -> FloatArray:

@@ -19,39 +19,34 @@ from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 ALL_NODES = "/**"
 """Stands for every node in files and on the command line."""
 
+_fixed = NodeParameter
 _live = partial(NodeParameter, changeable=True)
 _DURATION, _RATE = 1, -1
 
-CPU = NodeParameter("cpu", -1, "CPU on which the whole process runs, -1 for any", "", -1, 1023)
-REALTIME_PRIORITY = NodeParameter(
+CPU = _fixed("cpu", -1, "CPU on which the whole process runs, -1 for any", "", -1, 1023)
+REALTIME_PRIORITY = _fixed(
     "realtime_priority", 0, "SCHED_FIFO priority of the process, 0 for normal scheduling", "", 0, 99
 )
-ROBOT_CONFIG = NodeParameter("robot_config", "config/robot.yaml", "File that describes the robot")
-CAN_CONFIG = NodeParameter("can_config", "config/can.yaml", "File that describes the CAN side")
-CONTROL_RATE = NodeParameter(
+ROBOT_CONFIG = _fixed("robot_config", "config/robot.yaml", "File that describes the robot")
+CAN_CONFIG = _fixed("can_config", "config/can.yaml", "File that describes the CAN side")
+CONTROL_RATE = _fixed(
     "control_rate", 250.0, "Rate of the control cycle, as the bus driver runs it", "Hz", 1.0, 2000.0
 )
-MOTOR = NodeParameter("motor", 1, "Motor to control, counted from 1", "", 1)
-SETPOINT_TIMEOUT = NodeParameter(
+MOTOR = _fixed("motor", 1, "Motor to control, counted from 1", "", 1)
+SETPOINT_TIMEOUT = _fixed(
     "setpoint_timeout", 0.1, "Age at which a set-point is no longer used", "s", 1e-3, 1.0, stretch=_DURATION
 )
 _MAX_PAYLOAD = _live("max_payload", 300.0, "Largest payload that is estimated and believed", "kg", 0.1, 1e5)
-AUTOSTART = NodeParameter("autostart", True, "Configure and activate the node at its start")
+AUTOSTART = _fixed("autostart", True, "Configure and activate the node at its start")
 
 _GAINS = (
     _live("kp", 2.0, "Proportional gain", "N m/rad", 0.0, 1000.0),
-    _live(
-        "kd", 0.1, "Derivative gain, below 2 J / T with the motor inertia J and the control period T",
-        "N m s/rad", 0.0, 100.0,
-    ),
-    _live(
-        "friction_compensation", 1.0, "Share of the motor's friction that is compensated at the desired speed",
-        "", 0.0, 1.0,
-    ),
-    _live(
-        "friction_smoothing_speed", 1.0,
-        "Desired motor speed at which the smoothed sign of the friction reaches tanh(1)", "rad/s", 1e-3, 100.0,
-    ),
+    _live("kd", 0.1, "Derivative gain, below 2 J / T with the motor inertia J and the control period T", "N m s/rad",
+          0.0, 100.0),
+    _live("friction_compensation", 1.0, "Share of the motor's friction that is compensated at the desired speed", "",
+          0.0, 1.0),
+    _live("friction_smoothing_speed", 1.0,
+          "Desired motor speed at which the smoothed sign of the friction reaches tanh(1)", "rad/s", 1e-3, 100.0),
 )  # fmt: skip
 
 _TRAJECTORIES = (
@@ -76,25 +71,18 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         CONTROL_RATE,
         _live("trajectory", "paper-19", "Trajectory that the next start plays", choices=_TRAJECTORIES),
         _live("move_position", list, "Where move leads, in base; the home pose by default", "m"),
-        _live(
-            "move_orientation", list,
-            "Angles alpha, beta, gamma about z, y, x that move leads to; the home pose's by default", "rad",
-        ),
+        _live("move_orientation", list,
+              "Angles alpha, beta, gamma about z, y, x that move leads to; the home pose's by default", "rad"),
         _live("hold_duration", 10.0, "How long hold lasts", "s", 0.0, 1e6),
         _live("blend_time", 1.0, "Time from rest to full pace of the smooth trajectories", "s", 1e-3, 60.0),
         _live("speed", 0.2, "Speed limit of approach and move", "m/s", 1e-3, 10.0),
         _live("acceleration", 0.3, "Acceleration limit of approach and move", "m/s^2", 1e-3, 100.0),
         _live("angular_speed", 0.2, "Angular speed limit of approach and move", "rad/s", 1e-3, 10.0),
-        _live(
-            "angular_acceleration", 0.4, "Angular acceleration limit of approach and move",
-            "rad/s^2", 1e-3, 100.0,
-        ),
-        NodeParameter("dwell", 1.0, "Rest at the start of a trajectory before it begins", "s", 0.0, 60.0),
-        NodeParameter("stop_time", 0.5, "Time to come to rest along the path", "s", 0.01, 10.0),
-        NodeParameter(
-            "max_gap", 0.1, "Longest time without motor states after which a trajectory still goes on",
-            "s", 0.01, 10.0, stretch=_DURATION,
-        ),
+        _live("angular_acceleration", 0.4, "Angular acceleration limit of approach and move", "rad/s^2", 1e-3, 100.0),
+        _fixed("dwell", 1.0, "Rest at the start of a trajectory before it begins", "s", 0.0, 60.0),
+        _fixed("stop_time", 0.5, "Time to come to rest along the path", "s", 0.01, 10.0),
+        _fixed("max_gap", 0.1, "Longest time without motor states after which a trajectory still goes on", "s", 0.01,
+               10.0, stretch=_DURATION),
     ),
     "feedforward": (
         ROBOT_CONFIG,
@@ -103,18 +91,12 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
         _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m"),
         _MAX_PAYLOAD,
-        _live(
-            "payload_timeout", 0.5, "Age from which an estimate counts as stale", "s", 1e-3, 60.0,
-            stretch=_DURATION,
-        ),
-        _live(
-            "switch_slew", 2.0, "Fastest change of a motor's torque by a switch of model, payload or tension method",
-            "N m/s", 1e-3, 1e4, stretch=_RATE,
-        ),
-        _live(
-            "tension_method", "closest", "How the wrench is distributed over the cables",
-            choices=("closest", "centroid", "analytic_center"),
-        ),
+        _live("payload_timeout", 0.5, "Age from which an estimate counts as stale", "s", 1e-3, 60.0,
+              stretch=_DURATION),
+        _live("switch_slew", 2.0, "Fastest change of a motor's torque when model, payload or tension method changes",
+              "N m/s", 1e-3, 1e4, stretch=_RATE),
+        _live("tension_method", "closest", "How the wrench is distributed over the cables",
+              choices=("closest", "centroid", "analytic_center")),
     ),
     "motor_control_gains": (ROBOT_CONFIG, CONTROL_RATE, *_GAINS),
     "motor_controller": (MOTOR,),  # asked for first: it decides the name under which the node then runs
@@ -122,16 +104,14 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     "pose_estimator": (
         ROBOT_CONFIG,
         CONTROL_RATE,
-        NodeParameter("rate", 50.0, "Rate of the poses", "Hz", 1.0, 1000.0),
+        _fixed("rate", 50.0, "Rate of the poses", "Hz", 1.0, 1000.0),
     ),
     "mass_estimator": (
         ROBOT_CONFIG,
         _live("time_constant", 0.4, "Time constant of the low-pass filter", "s", 1e-3, 60.0, stretch=_DURATION),
         _live("mass_rate_limit", 150.0, "Fastest change of the published mass", "kg/s", 0.1, 1e4, stretch=_RATE),
-        _live(
-            "center_rate_limit", 0.2, "Fastest change of the published centre of mass", "m/s", 1e-3, 10.0,
-            stretch=_RATE,
-        ),
+        _live("center_rate_limit", 0.2, "Fastest change of the published centre of mass", "m/s", 1e-3, 10.0,
+              stretch=_RATE),
         _MAX_PAYLOAD,
         _live("max_offset", 0.15, "Largest coordinate of the centre of mass", "m", 1e-3, 10.0),
         _live("minimum_mass", 5.0, "Payload below which no centre of mass is published", "kg", 0.1, 1e3),
@@ -139,18 +119,12 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("slack_tension", 10.0, "Tension below which a cable counts as slack", "N", 0.1, 1e4),
         _live("max_speed", 0.6, "Speed above which the estimate is held", "m/s", 1e-3, 100.0),
         _live("max_angular_speed", 0.3, "Angular speed above which the estimate is held", "rad/s", 1e-3, 100.0),
-        _live(
-            "max_sideways_ratio", 0.1, "Horizontal force over vertical above which the estimate is held",
-            "", 1e-3, 10.0,
-        ),
-        _live(
-            "tensions_timeout", 0.1, "Age from which cable tensions count as stale", "s", 1e-3, 10.0,
-            stretch=_DURATION,
-        ),
-        _live(
-            "pose_timeout", 0.2, "Age from which the platform pose counts as stale", "s", 1e-3, 10.0,
-            stretch=_DURATION,
-        ),
+        _live("max_sideways_ratio", 0.1, "Horizontal force over vertical above which the estimate is held", "", 1e-3,
+              10.0),
+        _live("tensions_timeout", 0.1, "Age from which cable tensions count as stale", "s", 1e-3, 10.0,
+              stretch=_DURATION),
+        _live("pose_timeout", 0.2, "Age from which the platform pose counts as stale", "s", 1e-3, 10.0,
+              stretch=_DURATION),
     ),
     "supervisor": (
         ROBOT_CONFIG,
@@ -175,53 +149,38 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "robot_markers": (
         ROBOT_CONFIG,
-        NodeParameter(
-            "trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0
-        ),
+        _fixed("trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0),
     ),
     "can_drives": (
         CAN_CONFIG,
         AUTOSTART,
-        NodeParameter(
-            "control_rate", float, "Rate of the control cycle that the controllers expect; that of can.yaml by "
-            "default", "Hz", 1.0,
-        ),
+        _fixed("control_rate", float,
+               "Rate of the control cycle that the controllers expect; that of can.yaml by default", "Hz", 1.0),
     ),
     "load_cells": (
         CAN_CONFIG,
         AUTOSTART,
-        NodeParameter("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0),
+        _fixed("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0),
     ),
     "simulated_robot": (
         CAN_CONFIG,
-        NodeParameter(
-            "simulation_config", "config/simulation.yaml", "File with the true values of the simulated machine"
-        ),
-        NodeParameter(
-            "speed", 1.0,
-            "Seconds of the machine in a second of the computer; below 1, a slow computer keeps up with it",
-            "", 0.01, 1.0,
-        ),
-        NodeParameter(
-            "bus_timing", False,
-            "Whether frames take as long as on a real bus, at the cost of some more computing time",
-        ),
-        _live(
-            "fault", "", "What ~/inject_fault injects, and where: 'drive_silent motor_3' for example; what is none is "
-            "answered with the list",
-        ),
+        _fixed("simulation_config", "config/simulation.yaml", "File with the true values of the simulated machine"),
+        _fixed("speed", 1.0, "Seconds of the machine in a second of the computer; below 1 for a slow computer", "",
+               0.01, 1.0),
+        _fixed("bus_timing", False,
+               "Whether frames take as long as on a real bus, at the cost of some more computing time"),
+        _live("fault", "",
+              "What ~/inject_fault injects, and where, as in 'drive_silent motor_3'; refusals list the faults"),
     ),
     "recorder": (
-        NodeParameter("output", "", "Directory of the bag, which must not exist yet; runs/<UTC time>/bag if empty"),
-        NodeParameter(
-            "topics", [""], "Topics to record besides /events; all, those that appear later too, if empty"
-        ),
-        NodeParameter("attach", [""], "Files to keep inside the bag; config/*.yaml if empty"),
-        NodeParameter("compression", "zstd", "Of the bag", choices=("zstd", "lz4", "none")),
-        NodeParameter("split_size", 0.0, "Go on in a new file at this size, 0 for never", "MB", 0.0),
-        NodeParameter("split_duration", 0.0, "Go on in a new file after this time, 0 for never", "s", 0.0),
-        NodeParameter("nice", 5, "Nice level of taking and writing messages", "", 0, 19),
-        NodeParameter("control_rate", 250.0, "Noted in the bag", "Hz", 0.0),
+        _fixed("output", "", "Directory of the bag, which must not exist yet; runs/<UTC time>/bag if empty"),
+        _fixed("topics", [""], "Topics to record besides /events; all, those that appear later too, if empty"),
+        _fixed("attach", [""], "Files to keep inside the bag; config/*.yaml if empty"),
+        _fixed("compression", "zstd", "Of the bag", choices=("zstd", "lz4", "none")),
+        _fixed("split_size", 0.0, "Go on in a new file at this size, 0 for never", "MB", 0.0),
+        _fixed("split_duration", 0.0, "Go on in a new file after this time, 0 for never", "s", 0.0),
+        _fixed("nice", 5, "Nice level of taking and writing messages", "", 0, 19),
+        _fixed("control_rate", 250.0, "Noted in the bag", "Hz", 0.0),
         _live("mark_text", "", "Text of the next mark, which ~/mark makes; a mark always has a number"),
     ),
 }  # fmt: skip

@@ -51,8 +51,9 @@ class Template:
 
     def __init__(self) -> None:
         self._pieces = [bytearray()]  # constants with their padding; between two pieces lies a block
-        self._constants: list[bytes] = []
-        self._check = "<"
+        self._constants: list[bytes] = []  # those that touch one another joined
+        self._check = "<"  # of the message, up to the constant that may still grow
+        self._touching = False
         self._size = 0
         self._append(ENCAPSULATION)
 
@@ -60,14 +61,23 @@ class Template:
         padding = -(self._size - len(ENCAPSULATION)) % alignment
         if padding:
             self._pieces[-1] += bytes(padding)
-            self._check += f"{padding}x"
-            self._size += padding
+            self._pass_over(padding)
 
     def _append(self, data: bytes) -> None:
         self._pieces[-1] += data
-        self._constants.append(data)
-        self._check += f"{len(data)}s"
+        if self._touching:
+            self._constants[-1] += data
+        else:
+            self._constants.append(data)
+        self._touching = True
         self._size += len(data)
+
+    def _pass_over(self, size: int) -> None:
+        if self._touching:
+            self._check += f"{len(self._constants[-1])}s"
+        self._touching = False
+        self._check += f"{size}x"
+        self._size += size
 
     def count(self, number: int) -> None:
         """Append a constant unsigned integer of 32 bits: the length of a sequence."""
@@ -92,12 +102,12 @@ class Template:
         self._align(alignment)
         offset = self._size
         self._pieces.append(bytearray())
-        self._check += f"{size}x"
-        self._size += size
+        self._pass_over(size)
         return offset
 
     def finish(self) -> "Frame":
         """Return the finished frame."""
+        self._pass_over(0)
         return Frame(tuple(bytes(piece) for piece in self._pieces), self._check, tuple(self._constants))
 
 
@@ -135,19 +145,15 @@ class Frame:
 
 
 def _places(check: str, constants: tuple[bytes, ...]) -> list[tuple[int, NDArray[np.uint8]]]:
-    """Return the constants and where they stand, those that touch one another joined."""
-    places: list[tuple[int, bytes]] = []
+    """Return the constants and where they stand."""
+    places: list[tuple[int, NDArray[np.uint8]]] = []
     remaining = iter(constants)
     offset = 0
     for size, kind in re.findall(r"(\d+)([sx])", check):
         if kind == "s":
-            start, constant = offset, next(remaining)
-            if places and places[-1][0] + len(places[-1][1]) == offset:
-                start, before = places.pop()
-                constant = before + constant
-            places.append((start, constant))
+            places.append((offset, np.frombuffer(next(remaining), np.uint8)))
         offset += int(size)
-    return [(start, np.frombuffer(constant, np.uint8)) for start, constant in places]
+    return places
 
 
 class Writer:

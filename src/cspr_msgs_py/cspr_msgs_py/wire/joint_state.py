@@ -9,7 +9,6 @@ here but by :func:`cspr_msgs_py.joint_state_conversion.decode_joint_state`.
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,12 +20,12 @@ FIELDS: Final = ("position", "velocity", "effort")
 
 _DOUBLE: Final = np.dtype("<f8")
 _ONE_DOUBLE: Final = struct.Struct("<d").unpack_from
+_PACK_DOUBLE: Final = struct.Struct("<d").pack
 _NONE: Final[NDArray[np.float64]] = np.empty(0)
 _NONE.flags.writeable = False
 
 
-@dataclass(frozen=True, slots=True)
-class JointStateSample:
+class JointStateSample(NamedTuple):
     """One JointState without its names.
 
     Attributes
@@ -125,6 +124,23 @@ class JointStateCodec:
                 raise ValueError(f"a message of this layout carries {field}, and none is given")
         return self._frame.encode(*blocks)
 
+    def encode_joint(self, joint: JointSample) -> bytes:
+        """Return the message of the one joint that a layout with one name has; raises ValueError as `encode` does."""
+        if self._shape != (1,):
+            raise ValueError(f"the message has {len(self.names)} names: {', '.join(self.names)}")
+        blocks = (_PACK_DOUBLE(getattr(joint, field)) for field in self._offsets)
+        return self._frame.encode(pack_time(joint.stamp_ns), *blocks)
+
+    def encode_sample(self, sample: JointStateSample) -> bytes:
+        """Return the message as CDR; raises ValueError as `encode` does."""
+        blocks = [pack_time(sample.stamp_ns)]
+        for field in self._offsets:
+            array = np.asarray(getattr(sample, field), dtype=_DOUBLE)
+            if array.shape != self._shape:
+                raise ValueError(self._mismatch(field, array.shape))
+            blocks.append(array.tobytes())
+        return self._frame.encode(*blocks)
+
     def _mismatch(self, field: str, shape: tuple[int, ...]) -> str:
         if field not in self.fields:
             return f"a message of this layout does not carry {field}"
@@ -139,11 +155,13 @@ class JointStateCodec:
         if not self._frame.matches(buffer):
             return None
         data = buffer if isinstance(buffer, bytes) else bytes(buffer)  # arrays over bytes are read-only
+        position, velocity, effort = self._field_offsets
+        count = len(self.names)
         return JointStateSample(
             unpack_time(data, self._stamp_offset),
-            self._field(data, "position"),
-            self._field(data, "velocity"),
-            self._field(data, "effort"),
+            _NONE if position is None else np.frombuffer(data, _DOUBLE, count, position),
+            _NONE if velocity is None else np.frombuffer(data, _DOUBLE, count, velocity),
+            _NONE if effort is None else np.frombuffer(data, _DOUBLE, count, effort),
         )
 
     def decode_joint(self, buffer: Bytes, index: int) -> JointSample | None:
@@ -161,12 +179,6 @@ class JointStateCodec:
             math.nan if velocity is None else _ONE_DOUBLE(buffer, velocity + shift)[0],
             math.nan if effort is None else _ONE_DOUBLE(buffer, effort + shift)[0],
         )
-
-    def _field(self, data: bytes, field: str) -> NDArray[np.float64]:
-        offset = self._offsets.get(field)
-        if offset is None:
-            return _NONE
-        return np.frombuffer(data, _DOUBLE, self._shape[0], offset)
 
     @classmethod
     def of(cls, buffer: Bytes) -> "JointStateCodec":

@@ -13,7 +13,7 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.wire.cdr import Bytes, Scanner
-from cspr_msgs_py.wire.joint_state import JointSample, JointStateCodec, JointStateSample
+from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec
 from cspr_msgs_py.wire.samples import InertiaSample, PoseSample
 from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
@@ -89,23 +89,13 @@ def _joint_state(topic: Topic, number_of_motors: int) -> TopicCodec:
     command = re.fullmatch(r"/(motor_\d+)/command", topic.name)
     if command is not None:
         one = JointStateCodec((command[1],), position=False, velocity=False)
-
-        def encode_command(sample: JointSample) -> bytes:
-            return one.encode(sample.stamp_ns, effort=(sample.effort,))
-
-        return TopicCodec(
-            encode_command, _of_constant_layout(topic, lambda buffer: one.decode_joint(buffer, 0)), one
-        )
+        decode = _of_constant_layout(topic, lambda buffer: one.decode_joint(buffer, 0))
+        return TopicCodec(one.encode_joint, decode, one)
     if topic == topics.CABLE_TENSIONS:
         codec = JointStateCodec(topics.cable_names(number_of_motors), position=False, velocity=False)
     else:
         codec = JointStateCodec(topics.motor_names(number_of_motors))
-
-    def encode(sample: JointStateSample) -> bytes:
-        fields = {name: getattr(sample, name) for name in codec.fields}
-        return codec.encode(sample.stamp_ns, **fields)
-
-    return TopicCodec(encode, _of_constant_layout(topic, codec.decode), codec)
+    return TopicCodec(codec.encode_sample, _of_constant_layout(topic, codec.decode), codec)
 
 
 def _of_constant_layout(topic: Topic, decode: Callable[[Bytes], Any]) -> Callable[[Bytes], Any]:

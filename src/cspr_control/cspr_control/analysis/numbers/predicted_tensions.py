@@ -7,7 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_kinematics import Acceleration, Payload, Pose, Robot, Twist, balance_regressor, feedforward_tensions
+from cspr_kinematics import (
+    Acceleration,
+    Payload,
+    Pose,
+    Robot,
+    Twist,
+    balance_regressor,
+    distribute_tensions,
+    inverse_kinematics,
+    required_wrench,
+)
 from cspr_msgs_py.bag.reader import Inertias, References
 
 Floats = NDArray[np.float64]
@@ -65,11 +75,13 @@ def predict_tensions(robot: Robot, references: References, payload: Inertias | N
         mass, parameters = _payload_parameters(payload)
         known = np.maximum(since, 0)  # before the first one is known it already hung there
         mass, parameters = mass[known], parameters[known]
+    A, limits = inverse_kinematics(robot, pose).wrench_matrix, (robot.tension_min, robot.tension_max)
     tensions = []
     for t, a in ((twist, acceleration), (Twist.zero(), Acceleration.zero())):
         # the wrench is linear in the inertial parameters: a payload acts like an external wrench that it takes
         taken = np.einsum("nij,nj->ni", balance_regressor(pose, t, a), parameters)
-        tensions.append(feedforward_tensions(robot, pose, t, a, None, -taken).tensions)
+        wrench = required_wrench(robot, pose, t, a, None, -taken)
+        tensions.append(distribute_tensions(A, wrench, *limits, "closest").tensions)
     return PredictedTensions(references.time_ns, tensions[0], tensions[1], mass)
 
 

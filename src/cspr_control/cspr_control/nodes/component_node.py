@@ -1,0 +1,207 @@
+"""Nodes of the control graph: they decode, call their component, encode, and hold nothing else."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from cspr_control.components.component import Call, Component, Outputs, Publication, Remark, Timer
+from cspr_control.graph import ControlGraph
+from cspr_control.nodes.parameters import ChangeableParameters, Settings, declare_robot
+from cspr_control.supervision.supervisor import Decision
+from cspr_kinematics import Robot
+from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.runtime.process import advertise, steady_timer, subscribe_raw
+from cspr_msgs_py.topics import DIAGNOSTICS, JOINT_STATE, MULTI_DOF_TRAJECTORY, Topic
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.cdr import Bytes
+from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
+from cspr_msgs_py.wire.reference_conversion import decode_reference
+from cspr_msgs_py.wire.topic_codecs import topic_codec
+
+_ANY_LAYOUT = {JOINT_STATE: decode_joint_state, MULTI_DOF_TRAJECTORY: decode_reference}
+"""What also decodes messages of foreign publishers, whose layout is another than the graph's own."""
+
+_LAST_WORD = 0.5
+"""How long a node that ends waits for the answer to what makes the robot safe, s."""
+
+
+class Wiring:
+    """The part of the control graph that lives in one process.
+
+    Each topic is subscribed to once and each message decoded once, however many components hear it: taking a message
+    from the middleware costs more than most of them do with it. They hear it in the order in which they were added.
+    What they publish for one another goes over the topics all the same.
+
+    Parameters
+    ----------
+    monotonic, system_ns
+        Clocks: monotonic time, s, and ROS time, ns.
+    """
+
+    def __init__(
+        self,
+        monotonic: Callable[[], float] = time.monotonic,
+        system_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.graph = ControlGraph()
+        self._monotonic, self._system_ns = monotonic, system_ns
+        self._nodes: dict[str, Node] = {}
+        self._senders: dict[str, tuple[Callable[[bytes], None], Callable[[Any], bytes]]] = {}
+        self._clients: dict[str, Client] = {}
+
+    def add(self, node: Node, component: Component, number_of_motors: int) -> None:
+        """Connect a component to topics, services and timers, by way of its node."""
+        self._nodes[component.name] = node
+        for topic in component.outputs:
+            if topic.name not in self._senders:
+                publish = advertise(node, topic).publish
+                self._senders[topic.name] = (publish, topic_codec(topic, number_of_motors).encode)
+        for service in component.calls:
+            self._clients[service] = node.create_client(Trigger, service)
+        for topic in self.graph.add(component):
+            decode = _decoder(topic, number_of_motors)
+            subscribe_raw(node, topic, partial(self._on_message, topic, decode))
+        for service, command in component.services().items():
+            node.create_service(Trigger, service, partial(self._on_command, command))
+        for timer in component.timers():
+            steady_timer(node, timer.period, partial(self._on_timer, timer))
+        self._send(component.begin())
+
+    def _on_message(self, topic: Topic, decode: Callable[[Bytes], Any], message: bytes) -> None:
+        now = self._monotonic()
+        try:
+            sample = decode(message)
+        except MessageError as error:
+            self.graph.refuse(topic, str(error))
+            return
+        self._send(self.graph.deliver(topic, now, sample))
+
+    def _on_timer(self, timer: Timer) -> None:
+        self._send(timer.run(self._monotonic()))
+
+    def _on_command(
+        self,
+        command: Callable[[float], tuple[Decision, Outputs]],
+        request: Trigger.Request,
+        response: Trigger.Response,
+    ) -> Trigger.Response:
+        decision, outputs = command(self._monotonic())
+        response.success, response.message = decision.accepted, decision.message
+        self._send(outputs)
+        return response
+
+    def _send(self, outputs: Outputs) -> None:
+        waiting = deque(outputs)
+        while waiting:
+            output = waiting.popleft()
+            if isinstance(output, Publication):
+                topic, sample = output
+                publish, encode = self._senders[topic.name]
+                if topic is DIAGNOSTICS:
+                    sample = sample._replace(stamp_ns=self._system_ns())
+                publish(encode(sample))
+            elif isinstance(output, Call):
+                waiting += self._call(output)
+            else:
+                self._log(output)
+
+    def _log(self, remark: Remark) -> None:
+        logger = self._nodes[remark.component].get_logger()
+        if remark.level is Level.OK:  # a line of rclpy's logger has one severity for ever
+            logger.info(remark.text)
+        elif remark.level is Level.WARN:
+            logger.warning(remark.text)
+        else:
+            logger.error(remark.text)
+
+    def _call(self, call: Call) -> Outputs:
+        """Call a service; returns what its component makes of it when nobody is there to answer."""
+        client = self._clients[call.service]
+        if not client.service_is_ready():
+            unavailable = f"service {client.srv_name} is not available"
+            return self._component(call).answered(self._monotonic(), call, False, unavailable)
+        client.call_async(Trigger.Request()).add_done_callback(partial(self._on_answer, call))
+        return ()
+
+    def _on_answer(self, call: Call, future: Future) -> None:
+        answer = future.result()
+        component = self._component(call)
+        self._send(component.answered(self._monotonic(), call, answer.success, answer.message))
+
+    def _component(self, call: Call) -> Component:
+        return self.graph.components[call.component]
+
+    def make_safe(self, component: Component) -> None:
+        """Call what a component that is about to end still asks for, and wait for the answer a little."""
+        node = self._nodes[component.name]
+        for output in component.make_safe():
+            client = self._clients[output.service] if isinstance(output, Call) else None
+            if client is not None and client.service_is_ready():
+                future = client.call_async(Trigger.Request())
+                executor = SingleThreadedExecutor(context=node.context)
+                rclpy.spin_until_future_complete(node, future, executor, timeout_sec=_LAST_WORD)
+                executor.shutdown()
+
+
+class ComponentNode(Node):
+    """A node of one component of the control graph.
+
+    Parameters
+    ----------
+    name
+        Of the node.
+    wiring
+        Of the process that the node shares with others; one of its own by default.
+    robot
+        The robot; read from the file that the parameter ``robot_config`` names by default.
+    **options
+        Further keyword arguments of `rclpy.node.Node`.
+
+    Attributes
+    ----------
+    robot
+        The robot.
+    wiring
+        What connects the component.
+    component
+        Set by `connect`.
+    """
+
+    component: Any
+
+    def __init__(
+        self, name: str, wiring: Wiring | None = None, robot: Robot | None = None, **options: Any
+    ) -> None:
+        super().__init__(name, **options)
+        self.robot = declare_robot(self) if robot is None else robot
+        self.wiring = Wiring() if wiring is None else wiring
+
+    def changeable(self, build: Callable[[dict[str, Any]], Settings]) -> Settings:
+        """Return the settings that the declared parameters make; changed ones go to the component's ``configure``."""
+        return ChangeableParameters(self, build, lambda settings: self.component.configure(settings)).settings
+
+    def connect(self, component: Component) -> None:
+        """Take up work with a component."""
+        self.component = component
+        self.wiring.add(self, component, self.robot.number_of_cables)
+
+    def make_safe(self) -> None:
+        """Do what is left to be done before the node ends."""
+        self.wiring.make_safe(self.component)
+
+
+def _decoder(topic: Topic, number_of_motors: int) -> Callable[[Bytes], Any]:
+    codec = topic_codec(topic, number_of_motors)
+    any_layout: Any = _ANY_LAYOUT.get(topic.type)
+    return codec.decode if any_layout is None else partial(any_layout, codec.layout)
