@@ -48,7 +48,7 @@ def test_fault_in_motion_ends_in_the_same_way(bench, scenario):
 
 
 def test_every_fault_is_in_the_document_with_what_it_costs():
-    """The rows of docs/operation.md are what `make bench ARGS=faults` prints."""
+    """The rows of docs/operation.md are what `cspr faults` prints."""
     document = (ROOT / "docs" / "operation.md").read_text(encoding="utf-8")
     section = document.split("## What each fault does\n")[1].split("\n### ")[0]
     rows = [

@@ -102,7 +102,7 @@ class Scenario:
     @property
     def label(self) -> str:
         """The controller in words."""
-        return controller_label(self.controller, self.exact_mass)
+        return controller_label(self.controller.value, self.exact_mass)
 
     @property
     def reaction_time(self) -> float:
