@@ -14,7 +14,6 @@ from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.drives.status import DriveStatus
@@ -30,6 +29,7 @@ from cspr_msgs_py.runtime.process import (
     subscribe_raw,
 )
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
+from cspr_msgs_py.vocabulary import DriverState
 from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
@@ -57,7 +57,7 @@ class CanDrives(DriverNode):
         self._states = advertise(self, MOTOR_STATES)
         self._drive_states = advertise(self, DRIVE_STATES)
         self._master: DriveMaster | None = None
-        self._published_states: tuple[GroupState, str, tuple[DriveStatus, ...]] | None = None
+        self._published_states: tuple[DriverState, str, tuple[DriveStatus, ...]] | None = None
         self._since_published = 0.0
         for index, name in enumerate(names):
             codec = JointStateCodec((name,), position=False, velocity=False)

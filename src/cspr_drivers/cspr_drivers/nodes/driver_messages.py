@@ -7,13 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from cspr_drivers.bus.can_bus import CanPort
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.report import DriveReport
 from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport, in_words
-from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.vocabulary import DriverState, Level
 from cspr_msgs_py.wire.samples import Status
 
-_LEVELS = {GroupState.FAULT: Level.ERROR, GroupState.NOT_READY: Level.WARN}
+_LEVELS = {DriverState.FAULT: Level.ERROR, DriverState.NOT_READY: Level.WARN}
 
 
 def drive_states(report: DriveReport) -> list[Status]:
