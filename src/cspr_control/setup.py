@@ -13,7 +13,10 @@ NODES = (
     "robot_markers",
     "control",
 )
-PROGRAMS = ("demo", "workspace", "analyze", "rerun")
+PROGRAMS = [
+    f"{name} = {PACKAGE}.programs.{name}:main"
+    for name in ("demo", "closed_loop", "analyze", "rerun", "workspace", "faults")
+]
 
 setup(
     name=PACKAGE,
@@ -30,6 +33,7 @@ setup(
         "scipy",
         "pyyaml",
         "matplotlib",
+        "cspr_drivers",
         "cspr_kinematics",
         "cspr_msgs_py",
     ],
@@ -39,9 +43,7 @@ setup(
     description="Trajectories, feed-forward, motor control, payload estimation and supervision",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
-            *(f"{name} = {PACKAGE}.programs.{name}:main" for name in PROGRAMS),
-        ]
+        "console_scripts": [*(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES), *PROGRAMS],
+        "cspr.programs": PROGRAMS,
     },
 )

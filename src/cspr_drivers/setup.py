@@ -3,6 +3,8 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_drivers"
+NODES = ("can_drives", "load_cells", "drivers", "simulated_robot", "emulated_robot")
+PROGRAMS = [f"commission = {PACKAGE}.commission.program:main"]
 
 setup(
     name=PACKAGE,
@@ -29,16 +31,7 @@ setup(
     description="CiA 402 drives and CiA 404 load cells over CAN, and their simulation",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            f"{name} = {PACKAGE}.nodes.{name}:main"
-            for name in (
-                "can_drives",
-                "load_cells",
-                "drivers",
-                "simulated_robot",
-                "emulated_robot",
-            )
-        ]
-        + [f"commission = {PACKAGE}.commission.program:main"]
+        "console_scripts": [*(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES), *PROGRAMS],
+        "cspr.programs": PROGRAMS,
     },
 )

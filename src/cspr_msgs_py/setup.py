@@ -3,6 +3,7 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_msgs_py"
+PROGRAMS = [f"replay = {PACKAGE}.nodes.replay:main", f"recover = {PACKAGE}.programs.recover:main"]
 
 setup(
     name=PACKAGE,
@@ -12,6 +13,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
+        # setup.cfg puts executables where `ros2 run` looks; from bin/ a sourced workspace has the command on PATH
+        ("bin", ["scripts/cspr"]),
     ],
     install_requires=[
         "setuptools",
@@ -29,8 +32,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in ("recorder", "replay")),
-            f"recover = {PACKAGE}.bag.recover:main",
-        ]
+            f"cspr = {PACKAGE}.programs.cspr:main",
+            f"recorder = {PACKAGE}.nodes.recorder:main",
+            *PROGRAMS,
+        ],
+        "cspr.programs": PROGRAMS,
     },
 )

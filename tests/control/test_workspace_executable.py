@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -48,9 +49,12 @@ def test_files_and_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 def test_nothing_feasible(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    stem = str(tmp_path / "none")
-    assert main([*COARSE, "--payload", "9000", "9000", "--no-picture", "--output", stem]) == 0
+    stem, numbers = str(tmp_path / "none"), tmp_path / "numbers.json"
+    payload = ["--payload", "9000", "9000"]
+    assert main([*COARSE, *payload, "--no-picture", "--output", stem, "--json", str(numbers)]) == 0
     assert "0.0% of the positions" in capsys.readouterr().out
+    content = json.loads(numbers.read_text(encoding="utf-8"))
+    assert (content["feasible_share"], content["extent"]) == (0.0, None)
     assert not Path(f"{stem}.png").exists()
 
 

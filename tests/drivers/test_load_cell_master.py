@@ -3,9 +3,9 @@ import time
 import pytest
 
 from cspr_drivers.config.can_file import LoadCellChecks
-from cspr_drivers.load_cells.cycle import TensionCycle
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.load_cells.stuck_cells import StuckCells
+from cspr_drivers.load_cells.tension_cycle import TensionCycle
 
 
 class Rig:

@@ -10,6 +10,7 @@ from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.supervision.checks import FaultKind
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.drives.command_check import CommandFault
+from cspr_msgs_py.parameters.table import TABLE
 
 ROOT = Path(__file__).parents[2]
 DRIVERS = ROOT / "src" / "cspr_drivers" / "cspr_drivers"
@@ -35,6 +36,14 @@ def test_every_trajectory_is_described():
     assert described == [name.value for name in TrajectoryName]
 
 
+def test_the_parameters_of_the_recorder_are_described():
+    described = {name: row[1] for row in rows("Recording") for name in re.findall(r"`(\w+)`", row[0])}
+    for parameter in TABLE["recorder"]:
+        assert parameter.name in DOCUMENT
+        if parameter.default not in ("", [""]):
+            assert re.match(rf"`?{parameter.default}", described[parameter.name].replace("0: never", "0.0"))
+
+
 def test_every_fault_of_the_robot_has_meaning_and_remedy():
     table = {row[0]: row for row in rows("Faults of the robot, on `/robot_state`")}
     for kind in FaultKind:
@@ -48,7 +57,7 @@ def test_every_cause_has_meaning_and_remedy():
         assert fault.value in section("Causes from `can_drives`")
 
 
-TELLING = ("_trouble", "_restless", "answered")  # functions that return what is wrong, in words
+TELLING = ("_trouble", "_restless", "answered", "problem")  # functions that return what is wrong, in words
 
 
 def causes(path):
@@ -59,7 +68,7 @@ def causes(path):
         for node in ast.walk(function):
             texts = []
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-                if node.func.attr in ("_latch", "_lose", "quick_stop", "_refuse"):
+                if node.func.attr in ("_latch", "_stop", "quick_stop", "_reject"):
                     texts = node.args
             elif isinstance(node, ast.Return) and function.name in TELLING and node.value:
                 texts = [node.value]
@@ -69,10 +78,12 @@ def causes(path):
                         yield part.value.strip(" ;:,")
 
 
-@pytest.mark.parametrize("module", ["group.py", "master.py", "torque_watch.py"])
+@pytest.mark.parametrize(
+    "module", ["drives/group.py", "drives/cycle.py", "drives/torque_watch.py", "devices/device.py"]
+)
 def test_causes_in_the_program_are_in_the_document(module):
     table = " ".join(row[0] for row in rows("Causes from `can_drives`"))
-    found = {words for words in causes(DRIVERS / "drives" / module) if len(words) > 6 and " " in words}
+    found = {words for words in causes(DRIVERS / module) if len(words) > 6 and " " in words}
     assert found, "nothing to compare"
     for words in found:
         fragment = re.sub(r"\s+", " ", words)

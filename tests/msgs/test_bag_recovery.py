@@ -68,7 +68,7 @@ def test_a_whole_bag_has_lost_nothing(recording, tmp_path: Path) -> None:
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "cspr_msgs_py.bag.recover", *map(str, arguments)],
+        [sys.executable, "-m", "cspr_msgs_py.programs.recover", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=60,

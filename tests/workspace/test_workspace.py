@@ -37,6 +37,7 @@ PROGRAMS = {  # what ends by itself, and words that its --help must have
     "workspace": ("--robot", "--payload"),
     "analyze": ("BAG", "--output", "--label", "examples:"),
     "rerun": ("BAG", "--set", "--payload", "examples:"),
+    "cspr": ("demo", "analyze", "commission"),
     "recover": ("--output", "examples:"),
     "replay": ("--rate", "--loop", "--start", "--topics", "examples:"),
     "commission": ("--config", "--answers", "--torque", "examples:"),
@@ -137,3 +138,28 @@ def test_program_teaches(workspace: Path, name: str) -> None:
     assert done.returncode == 0, done.stderr
     for word in PROGRAMS[name]:
         assert word in done.stdout
+
+
+def test_one_command_finds_every_program(workspace: Path) -> None:
+    """After sourcing the workspace, ``cspr`` is on PATH and knows the programs of all packages."""
+    python = Path(sys.executable).parent
+    clean = {
+        name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "AMENT_PREFIX_PATH")
+    }
+
+    def sourced(command: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            ["bash", "-c", f". install/setup.bash && {command}"],
+            cwd=workspace, env={**clean, "PATH": f"{python}:/usr/bin:/bin"}, capture_output=True, text=True,
+            timeout=120, check=False,
+        )  # fmt: skip
+
+    assert sourced("command -v cspr").stdout.strip() == str(workspace / "install/cspr_msgs_py/bin/cspr")
+    listed = sourced("cspr --help")
+    assert listed.returncode == 0, listed.stderr
+    for name in PROGRAMS.keys() - {"cspr"}:
+        assert re.search(rf"^  {name} +\w", listed.stdout, re.MULTILINE), listed.stdout
+    one = sourced("cspr analyze --help")
+    assert one.returncode == 0, one.stderr
+    assert "usage: cspr analyze" in one.stdout
+    assert "--json FILE" in one.stdout

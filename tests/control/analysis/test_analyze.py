@@ -24,8 +24,10 @@ QUIET = ("--no-figures", "--config", str(CONFIG))
 
 def test_results_lie_beside_the_bag(record: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
     bag = record()
-    assert main([str(bag), *QUIET]) == 0
+    numbers = bag.parent / "numbers.json"
+    assert main([str(bag), "--json", str(numbers), *QUIET]) == 0
     directory = bag.parent / "analysis"
+    assert numbers.read_bytes() == (directory / "metrics.json").read_bytes()
     shown = capsys.readouterr()
     assert "PDFF + mass" in shown.out
     assert str(directory / "report.html") in shown.out

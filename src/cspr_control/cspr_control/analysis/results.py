@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cspr_control.analysis.figures.all_figures import save_figures
 from cspr_control.analysis.report import write_report
@@ -28,6 +29,11 @@ class Results:
 def default_directory(bags: Sequence[Path]) -> Path:
     """Return where results go if nobody says: beside the first bag."""
     return bags[0].resolve().parent / ("analysis" if len(bags) == 1 else "comparison")
+
+
+def metrics_mapping(runs: Sequence[RunAnalysis]) -> dict[str, Any]:
+    """Return what metrics.json holds."""
+    return {"runs": [{"name": run.name, **run.metrics.as_mapping(), "remarks": run.remarks} for run in runs]}
 
 
 def write_results(
@@ -57,10 +63,7 @@ def write_results(
     """
     directory.mkdir(parents=True, exist_ok=True)
     metrics = directory / METRICS
-    content = {
-        "runs": [{"name": run.name, **run.metrics.as_mapping(), "remarks": list(run.remarks)} for run in runs]
-    }
-    write_json(metrics, content)
+    write_json(metrics, metrics_mapping(runs))
     report = directory / REPORT
     if progress is not None:
         progress(REPORT)

@@ -1,4 +1,4 @@
-"""What a recorded run was worth: numbers, figures and one page to look at, from one bag or from several."""
+"""Analyse recorded runs: numbers, figures and one page to look at, from one bag or several."""
 
 from __future__ import annotations
 
@@ -9,25 +9,28 @@ from pathlib import Path
 
 from cspr_control.analysis.numbers.tables import format_runs
 from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, find_bag
-from cspr_control.analysis.results import default_directory, write_results
+from cspr_control.analysis.results import default_directory, metrics_mapping, write_results
 from cspr_control.analysis.run_analysis import analyse_bags
 from cspr_control.errors import ControlError
+from cspr_msgs_py.json_file import write_json
+from cspr_msgs_py.programs.command_line import program_parser
 
 DESCRIPTION = """\
-Analyse recorded runs: how well the motors followed, what the cables carried, what the mass estimate was worth.
+Analyse recorded runs: how well the motors followed, what the cables carried, how good the mass estimate was.
 
 BAG is a bag (a directory, or one of its .mcap files) or the directory of a run of the demo. Several bags of one robot
-are compared side by side. No ROS graph is needed or touched. Numbers count while a trajectory is followed; without one
-all of the recording counts. Writes into the output directory:
+are compared side by side. No ROS graph is needed or touched. The numbers are about the trajectory that was followed,
+or about the whole recording if there was none. Written into the output directory:
 
   report.html      everything in one page that works from the file: tables, figures to zoom into, the robot in motion
   metrics.json     the numbers
   figures/         the paper's figures 7 to 12 and others, each as PNG and SVG"""
 EPILOG = """\
 examples:
-  analyze runs/latest                                  the newest run of the demo
-  analyze runs/A runs/B --label "kp 2" --label "kp 4"  two runs side by side
-  analyze BAG --robot config/robot.yaml                a bag that no configuration was attached to
+  cspr analyze runs/latest                                  the newest run of the demo
+  cspr analyze runs/A runs/B --label "kp 2" --label "kp 4"  two runs side by side
+  cspr analyze BAG --robot config/robot.yaml                a bag that no configuration was attached to
+  cspr analyze BAG --no-figures --json numbers.json         numbers for another program
 
 exit status: 0 done, 1 a bag cannot be analysed or nothing could be written, 2 wrong arguments, 130 interrupted"""
 
@@ -65,6 +68,8 @@ def _run(options: argparse.Namespace) -> None:
         figures=not options.no_figures,
         progress=lambda name: _show_progress(f"writing {name}"),
     )
+    if options.json is not None:
+        write_json(options.json, metrics_mapping(runs))
     _show_progress("")
     print(f"\nmetrics  {results.metrics}")
     if results.figures:
@@ -80,12 +85,7 @@ def _show_progress(text: str) -> None:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="analyze",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = program_parser("analyze", DESCRIPTION, EPILOG, json="what metrics.json holds")
     add = parser.add_argument
     add("bags", nargs="+", type=Path, metavar="BAG", help="what to analyse")
     add(

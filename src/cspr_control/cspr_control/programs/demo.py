@@ -1,4 +1,4 @@
-"""The whole robot on one machine: the node graph on simulated drives and load cells, recorded and judged."""
+"""Run the whole robot on this machine: the node graph on simulated drives, recorded and analysed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ from cspr_control.demo.scenario import (
 )
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+from cspr_control.programs.arguments import added_payload, mass
 from cspr_msgs_py.json_file import write_json
+from cspr_msgs_py.programs.command_line import program_parser
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
 COMPARED = [*((controller, False) for controller in Controller), (Controller.PDFF, True)]
@@ -41,19 +43,19 @@ PACKAGES = {
     "robot_markers": "cspr_control.nodes.robot_markers",
 }
 DESCRIPTION = """\
-Run the complete node graph on a simulated robot, record it, and say how well it did.
+Run the complete node graph on a simulated robot, record it, and report how well it did.
 
 Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
-moves to the start of the trajectory, follows it with a payload that the controller has not been told of, takes up
+moves to the start of the trajectory, follows it with a payload that the controller has not been told of, picks up
 another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
 bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""
 EPILOG = """\
 examples:
-  demo                                         the feed-forward with the estimated mass, 100 kg aboard, +100 kg at 3 s
-  demo --controller static --payload 200 --add-payload none
-  demo --controller pdff --exact-mass          the yardstick: the controller always knows the true mass
-  demo --compare                               all controllers one after the other, in one table
-  demo --trajectory smooth-19 --realtime       at rest at both ends; with real-time priority"""
+  cspr demo                                    the feed-forward with the estimated mass, 100 kg aboard, +100 kg at 3 s
+  cspr demo --controller static --payload 200 --add-payload none
+  cspr demo --controller pdff --exact-mass     the yardstick: the controller always knows the true mass
+  cspr demo --compare                          all controllers one after the other, in one table
+  cspr demo --trajectory smooth-19 --realtime  at rest at both ends; with real-time priority"""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -108,6 +110,9 @@ def _run_chosen(options: argparse.Namespace, summaries: list[RunSummary]) -> Non
             print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
         print(f"  recorded in           {directory}", flush=True)
         _report([analysis], figures=not options.compare)
+    if options.json is not None:
+        found = [summary.as_mapping() for summary in summaries]
+        write_json(options.json, found if options.compare else found[0])
     if options.compare:
         print(format_runs(analyses), format_comparison(summaries), sep="\n\n")
         _report(analyses)
@@ -132,11 +137,8 @@ def _stop_on_signals() -> None:
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="demo",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = program_parser(
+        "demo", DESCRIPTION, EPILOG, json="what summary.json holds (--compare: the list of all runs)"
     )
     controllers = parser.add_mutually_exclusive_group()
     controllers.add_argument(
@@ -151,13 +153,13 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     )  # fmt: skip
     parser.add_argument(
         "--payload",
-        type=_mass,
+        type=mass,
         default=100.0,
         metavar="KG",
         help="aboard from the start; default: %(default)s",
     )
     parser.add_argument(
-        "--add-payload", type=_added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
+        "--add-payload", type=added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
         help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3, or none; "
         "default: 100@3",
     )  # fmt: skip
@@ -197,16 +199,6 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     return options
 
 
-def _mass(text: str) -> float:
-    try:
-        mass = float(text)
-    except ValueError:
-        mass = math.nan
-    if not (math.isfinite(mass) and mass >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a mass in kg of at least 0")
-    return mass
-
-
 def _speed(text: str) -> float:
     try:
         speed = float(text)
@@ -215,19 +207,6 @@ def _speed(text: str) -> float:
     if not 0.1 <= speed <= 1.0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0.1 to 1")
     return speed
-
-
-def _added_payload(text: str) -> AddedPayload | None:
-    if text == "none":
-        return None
-    mass, separator, moment = text.partition("@")
-    try:
-        change = AddedPayload(float(mass), float(moment))
-    except ValueError:
-        separator = ""
-    if not separator or not math.isfinite(change.mass) or not 0.0 <= change.time < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form KG@S, such as 100@3, or none")
-    return change
 
 
 def _realtime_problem() -> str | None:

@@ -1,4 +1,4 @@
-"""The payload estimator and the feed-forward once more over a recorded bag, with other parameters; without ROS."""
+"""Run the payload estimator and the feed-forward again over a recorded bag, with other parameters."""
 
 from __future__ import annotations
 
@@ -40,12 +40,14 @@ from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates
 from cspr_msgs_py.errors import MessagesError, ParameterError
+from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.parameters.table import known_parameter
+from cspr_msgs_py.programs.command_line import program_parser
 
 NODES = ("mass_estimator", "feedforward")
 
 DESCRIPTION = """\
-Run the payload estimator and the feed-forward once more over a recorded bag, sample by sample, with the parameters
+Run the payload estimator and the feed-forward again over a recorded bag, sample by sample, with the parameters
 of the recording or with others, and compare what comes out with what was recorded. No ROS graph is needed or touched.
 
 The configuration is the one inside the bag. The inputs (/cable_tensions, /platform_pose, /reference) come at the
@@ -55,11 +57,11 @@ done with the other torques is not simulated: the recorded motion stays.
 Writes DIR/bag (/payload and /setpoint, MCAP) and DIR/comparison.json. The same bag gives the same bytes."""
 EPILOG = """\
 examples:
-  rerun runs/latest/bag                                            how closely the recording is reproduced
-  rerun runs/latest/bag --set mass_estimator.time_constant=0.2     a quicker filter
-  rerun runs/latest/bag --set feedforward.model=static --set feedforward.payload_source=nominal
-  rerun runs/latest/bag --nodes feedforward                        with the estimates as they were recorded
-  rerun runs/latest/bag --payload /simulation/payload              with the true mass, as in: demo --exact-mass
+  cspr rerun runs/latest/bag                                          how closely the recording is reproduced
+  cspr rerun runs/latest/bag --set mass_estimator.time_constant=0.2   a quicker filter
+  cspr rerun runs/latest/bag --set feedforward.model=static --set feedforward.payload_source=nominal
+  cspr rerun runs/latest/bag --nodes feedforward                      with the estimates as they were recorded
+  cspr rerun runs/latest/bag --payload /simulation/payload            with the true mass, as in: cspr demo --exact-mass
 
 exit status: 0 done, 1 nothing could be re-run or written, 2 wrong arguments, 130 interrupted"""
 
@@ -116,9 +118,8 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
         **{name: json.dumps(values["rerun"]) for name, values in sorted(parameters.items())},
     }
     write_rerun(output / "bag", payloads, setpoints, information, recording.configuration.files)
-    (output / "comparison.json").write_text(
-        json.dumps(comparison.as_mapping(), indent=2) + "\n", encoding="utf-8"
-    )
+    for file in filter(None, (output / "comparison.json", options.json)):
+        write_json(file, comparison)
     print(f"re-run of {source}")
     print(format_comparison(comparison))
     print(f"  written to   {output}")
@@ -201,12 +202,7 @@ def _known_before(recording: Recording, payloads: Inertias) -> Payload | None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="rerun",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = program_parser("rerun", DESCRIPTION, EPILOG, json="what comparison.json holds")
     add = parser.add_argument
     add("bag", metavar="BAG", help="directory of a bag, or an .mcap file")
     add(

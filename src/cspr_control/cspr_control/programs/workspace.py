@@ -1,4 +1,4 @@
-"""Where the robot can do its task: margins on a grid of poses, as numbers, pictures and a summary."""
+"""Find where the robot can do its task: margins on a grid of poses, as numbers and pictures."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import numpy as np
 
 from cspr_kinematics import InvalidInputError, KinematicsError, Robot, Task, Workspace, explore_workspace
 from cspr_kinematics.workspace.plot import PlottingUnavailableError, plot_workspace
+from cspr_msgs_py.json_file import write_json
+from cspr_msgs_py.programs.command_line import program_parser
 
 DESCRIPTION = """\
 Find the wrench-feasible workspace: the poses at which the cables, within their limits, can hold every
@@ -25,11 +28,11 @@ STEM.png (slices coloured by the margin), and prints a summary. No ROS graph is 
 of a pose is the smallest additional wrench, in newton, that makes part of the task impossible."""
 EPILOG = """\
 examples:
-  workspace                                             the empty platform of config/robot.yaml at rest, level
-  workspace --payload 0 200 --acceleration 1 1 1        0 to 200 kg, each with 1 m/s^2 along every axis
-  workspace --euler 0 0 0 --euler 0 0.1 0 --spacing 0.05
-  workspace --robot config/robot_pulleys.yaml --lower -2.4 -1.4 0 --upper 2.4 1.4 3 --output runs/pulleys
-  workspace --payload 0 200 --at 0 0 1                  and what there is to say about one position
+  cspr workspace                                             the empty platform of config/robot.yaml at rest, level
+  cspr workspace --payload 0 200 --acceleration 1 1 1        0 to 200 kg, each with 1 m/s^2 along every axis
+  cspr workspace --euler 0 0 0 --euler 0 0.1 0 --spacing 0.05
+  cspr workspace --robot config/robot_pulleys.yaml --lower -2.4 -1.4 0 --upper 2.4 1.4 3 --output runs/pulleys
+  cspr workspace --payload 0 200 --at 0 0 1                  and what there is to say about one position
 
 exit status: 0 done, 1 nothing could be computed or written, 2 wrong arguments, 130 interrupted"""
 
@@ -69,7 +72,10 @@ def _run(options: argparse.Namespace) -> int:
     elapsed = time.monotonic() - start
     array_file, picture_file = (output.with_name(output.name + suffix) for suffix in (".npz", ".png"))
     workspace.save(array_file)
-    print(format_summary(robot, task, workspace, max(1, len(options.euler or [])), elapsed))
+    exploration = Exploration.of(robot, task, workspace, max(1, len(options.euler or [])), elapsed)
+    print(exploration)
+    if options.json is not None:
+        write_json(options.json, exploration)
     for position in options.at or []:
         print(_format_position(workspace, position))
     print(f"  arrays                {array_file}")
@@ -97,49 +103,105 @@ def _check_positions(options: argparse.Namespace, robot: Robot) -> None:
             )
 
 
-def format_summary(robot: Robot, task: Task, workspace: Workspace, orientations: int, elapsed: float) -> str:
-    """Return the summary of an exploration, some lines of text.
+@dataclass(frozen=True)
+class Exploration:
+    """The numbers of an exploration, as ``--json`` writes them; None where no position is feasible.
 
-    Parameters
+    Attributes
     ----------
-    robot, task, workspace
-        What was explored, and the result.
-    orientations
-        How many orientations each position was looked at in.
+    robot, task
+        What was explored, in words.
+    positions, orientations
+        Shape of the grid, and in how many orientations each position was examined.
     elapsed
         Time it took, s.
+    feasible_share
+        Of the positions.
+    volume, grid_volume
+        Of the workspace, and of the whole grid, m^3.
+    extent
+        Range of the feasible positions along x, y and z (3, 2), m.
+    largest_margin, best_position
+        N, and where, m.
+    smallest_margin
+        Where the task is feasible, N.
+    payload_max, payload_max_everywhere
+        At the best position, and wherever the task is feasible, kg.
     """
-    poses = workspace.margin.size * orientations
-    feasible = workspace.feasible
-    box = math.prod(float(axis[-1] - axis[0]) for axis in (workspace.x, workspace.y, workspace.z))
-    lines = [
-        f"workspace of {robot.name}: {_format_task(task)}",
-        f"  poses                 {poses} in {elapsed:.2f} s "
-        f"({' x '.join(map(str, workspace.margin.shape))} positions, {orientations} orientation"
-        f"{'s' if orientations > 1 else ''})",
-        f"  feasible              {feasible.mean():.1%} of the positions",
-        f"  volume                {workspace.volume:.3f} of {box:.3f} m^3",
-    ]
-    if feasible.any():
-        best = np.unravel_index(int(workspace.margin.argmax()), workspace.margin.shape)
-        places = np.argwhere(feasible)
-        for name, axis, k in zip("xyz", (workspace.x, workspace.y, workspace.z), range(3), strict=True):
-            low, high = axis[places[:, k].min()], axis[places[:, k].max()]
-            lines.append(f"  {name}                     {low:.3g} to {high:.3g} m")
-        axes = workspace.x, workspace.y, workspace.z
-        position = [float(axis[i]) for axis, i in zip(axes, best, strict=True)]
-        lines += [
-            f"  largest margin        {workspace.margin[best]:.1f} N at ({_numbers(position)})",
-            f"  smallest margin       {workspace.margin[feasible].min():.1f} N where feasible",
-        ]
-    if np.isfinite(workspace.payload_max).any():
-        lines.append(
-            f"  largest payload       {np.nanmax(workspace.payload_max):.1f} kg at the best position"
-        )
+
+    robot: str
+    task: str
+    positions: tuple[int, ...]
+    orientations: int
+    elapsed: float
+    feasible_share: float
+    volume: float
+    grid_volume: float
+    extent: tuple[tuple[float, float], ...] | None = None
+    largest_margin: float | None = None
+    best_position: tuple[float, ...] | None = None
+    smallest_margin: float | None = None
+    payload_max: float | None = None
+    payload_max_everywhere: float | None = None
+
+    @classmethod
+    def of(
+        cls, robot: Robot, task: Task, workspace: Workspace, orientations: int, elapsed: float
+    ) -> Exploration:
+        """Return the numbers of a workspace; see the attributes."""
+        feasible, axes = workspace.feasible, (workspace.x, workspace.y, workspace.z)
+        found: dict[str, Any] = {}
         if feasible.any():
-            everywhere = workspace.payload_max[feasible].min()
-            lines.append(f"                        {everywhere:.1f} kg wherever the task is feasible")
-    return "\n".join(lines)
+            best = np.unravel_index(int(workspace.margin.argmax()), workspace.margin.shape)
+            places = np.argwhere(feasible).T
+            found = {
+                "extent": tuple(
+                    (float(axis[at.min()]), float(axis[at.max()]))
+                    for axis, at in zip(axes, places, strict=True)
+                ),
+                "largest_margin": float(workspace.margin[best]),
+                "best_position": tuple(float(axis[k]) for axis, k in zip(axes, best, strict=True)),
+                "smallest_margin": float(workspace.margin[feasible].min()),
+                "payload_max_everywhere": float(workspace.payload_max[feasible].min()),
+            }
+        if np.isfinite(workspace.payload_max).any():
+            found["payload_max"] = float(np.nanmax(workspace.payload_max))
+        return cls(
+            robot.name,
+            _format_task(task),
+            workspace.margin.shape,
+            orientations,
+            elapsed,
+            float(feasible.mean()),
+            float(workspace.volume),
+            math.prod(float(axis[-1] - axis[0]) for axis in axes),
+            **found,
+        )
+
+    def __str__(self) -> str:
+        """Return the summary, some lines of text."""
+        lines = [
+            f"workspace of {self.robot}: {self.task}",
+            f"  poses                 {math.prod(self.positions) * self.orientations} in {self.elapsed:.2f} s "
+            f"({' x '.join(map(str, self.positions))} positions, {self.orientations} orientation"
+            f"{'s' if self.orientations > 1 else ''})",
+            f"  feasible              {self.feasible_share:.1%} of the positions",
+            f"  volume                {self.volume:.3f} of {self.grid_volume:.3f} m^3",
+        ]
+        for name, (low, high) in zip("xyz", self.extent or (), strict=False):
+            lines.append(f"  {name}                     {low:.3g} to {high:.3g} m")
+        if self.best_position is not None:
+            lines += [
+                f"  largest margin        {self.largest_margin:.1f} N at ({_numbers(self.best_position)})",
+                f"  smallest margin       {self.smallest_margin:.1f} N where feasible",
+            ]
+        if self.payload_max is not None:
+            lines.append(f"  largest payload       {self.payload_max:.1f} kg at the best position")
+            if self.payload_max_everywhere is not None:
+                lines.append(
+                    f"                        {self.payload_max_everywhere:.1f} kg wherever the task is feasible"
+                )
+        return "\n".join(lines)
 
 
 def _format_task(task: Task) -> str:
@@ -171,12 +233,7 @@ def _show_progress(done: int, total: int) -> None:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="workspace",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = program_parser("workspace", DESCRIPTION, EPILOG, json="the summary")
     add = parser.add_argument
     vector: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
     zero = (0.0, 0.0, 0.0)

@@ -375,9 +375,9 @@ class CanPorts:
             now, stamp = self.clock.monotonic(), self.clock.system_ns()
             for handler in self._sync_handlers:
                 handler(now, stamp)
-            for port in self._ports.values():
-                port.note_sync(now)
-                port.send(self._sync)
+        for port in self._ports.values():
+            port.note_sync(now)
+            port.send(self._sync)
 
     def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
         if self._producing:

@@ -1,4 +1,4 @@
-"""Executable ``commission``: the walk through a new machine, in a terminal. It needs no ROS graph."""
+"""Walk through a new machine in a terminal, winch by winch, and write its can.yaml; without ROS."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from cspr_drivers.commission.configuration_file import difference, new_text, wri
 from cspr_drivers.commission.findings import Findings, FindingsFile
 from cspr_drivers.commission.found_devices import require_no_driver
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
-from cspr_drivers.commission.operator import FileOperator, Operator, Questions, WalkStoppedError
+from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, Questions, WalkStoppedError
 from cspr_drivers.commission.walk import Machine, Walk
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.config.file_errors import as_configuration_error
 from cspr_drivers.errors import DriverError
-from cspr_kinematics.configuration.structure import structured
+from cspr_kinematics.configuration.structure import structured, unknown_key
 from cspr_kinematics.configuration.yaml_file import read_yaml
+from cspr_kinematics.errors import ConfigurationFileError
 from cspr_kinematics.robot.robot_description import RobotDescription
+from cspr_msgs_py.programs.command_line import program_parser
 
 DESCRIPTION = """\
 Walk through a new machine, winch by winch and load cell by load cell, and write what is found into can.yaml.
@@ -36,10 +38,10 @@ One brake opens at a time, with little torque. Ctrl-C closes it, at any moment. 
 command goes on where it was stopped. The drivers must not run meanwhile."""
 EPILOG = """\
 examples:
-  commission                                   config/can.yaml of this directory
-  commission --torque 0.2                      up to 20 % of the rated torque, for stiff winches
-  commission --answers answers.yaml            without a person: answers by the keys that are shown in a dry terminal
-  commission --restart                         forget what an earlier walk has found"""
+  cspr commission                          config/can.yaml of this directory
+  cspr commission --torque 0.2             up to 20 % of the rated torque, for stiff winches
+  cspr commission --answers answers.yaml   without a person: an answer for each key; one that is missing is named
+  cspr commission --restart                forget what an earlier walk has found"""
 
 
 class Terminal:
@@ -161,8 +163,13 @@ def _pay_out(robot: Path) -> float:
 
 def _answers(path: Path) -> FileOperator:
     with as_configuration_error():
-        content = read_yaml(path)
-    return FileOperator({str(key): value for key, value in content.items()}, str(path), print)
+        content = {str(key): value for key, value in read_yaml(path).items()}
+        for key, value in content.items():
+            if key.partition(".")[0] not in QUESTIONS:
+                raise ConfigurationFileError(
+                    str(path), key, value, unknown_key(key.partition(".")[0], QUESTIONS)
+                )
+    return FileOperator(content, str(path), print)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
@@ -173,12 +180,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="commission",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = program_parser("commission", DESCRIPTION, EPILOG)
     parser.add_argument(
         "--config", type=Path, default=Path("config/can.yaml"), help="can.yaml (default: %(default)s)"
     )

@@ -1,182 +1,289 @@
-"""Bookkeeping of the control cycle: who answered the SYNC, which commands came in time, how long it took.
+"""The control cycle of all drives: frames, commands and moments in, motor states and frames to be sent out.
 
-A cycle runs from one SYNC to the next. It is *missed* when not all m fresh commands were put on the bus in
-it; a command is fresh when it answers the motor states of that very cycle. The latency of a cycle runs from
-its last feedback frame to the last of its m commands. Times are arguments, in seconds of one monotonic clock.
+It has no bus, no thread, no lock and no clock: times are arguments, in seconds of one monotonic clock. Whoever drives
+it serialises the calls, and sends the frames of each call before those of the next.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-from cspr_drivers.drives.latency import LatencyHistogram, LatencySummary
+from cspr_drivers.canopen import frame_table
+from cspr_drivers.canopen.emergency import Emergency
+from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.devices.device import OPERATIONAL
+from cspr_drivers.devices.setup import DriveFacts
+from cspr_drivers.drives.command_check import CommandFault
+from cspr_drivers.drives.cycle_watch import CycleWatch
+from cspr_drivers.drives.group import IN_MOTION, DriveGroup
+from cspr_drivers.drives.home_position import with_home
+from cspr_drivers.drives.motor_feedback import MotorFeedback
+from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.drives.torque_frames import Frame, TorqueFrame
+from cspr_drivers.drives.torque_watch import TorqueWatch
+from cspr_msgs_py.vocabulary import DriverState
 
-
-@dataclass(frozen=True)
-class AnswerCounts:
-    """How one device has answered the SYNC frames since the last `clear`.
-
-    Attributes
-    ----------
-    answered, missing
-        Cycles with its answer in time, and without.
-    late
-        Answers that came when the next cycle had begun; what they said was not used.
-    """
-
-    answered: int
-    late: int
-    missing: int
-
-
-@dataclass(frozen=True)
-class CycleStatistics:
-    """Counts since the last `clear`.
-
-    Attributes
-    ----------
-    cycles
-        Cycles that have ended.
-    missed_cycles
-        Those of them without m fresh commands in time.
-    incomplete_cycles
-        Those of them in which not all drives answered; these are missed as well.
-    late_commands
-        Commands that answered an earlier cycle.
-    repeated_feedback
-        Feedback frames of a drive that had already answered in the cycle.
-    late_feedback
-        Feedback frames that answered the SYNC of an earlier cycle; their positions were not used.
-    latency
-        Of the cycles that were not missed.
-    answers
-        Of each drive.
-    """
-
-    cycles: int
-    missed_cycles: int
-    incomplete_cycles: int
-    late_commands: int
-    repeated_feedback: int
-    late_feedback: int
-    latency: LatencySummary
-    answers: tuple[AnswerCounts, ...]
+_LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
 
 
-class Cycle:
-    """The present cycle and the statistics of those before it.
+class DriveCycle:
+    """The m drives of a configuration, from one SYNC to the next.
 
     Parameters
     ----------
-    motors
-        Number m of drives that answer, and of commands that each cycle wants.
-    frames
-        Frames in which each drive answers. Frame f of drive i has the index i + f m.
+    config
+        Buses, drives, times.
+
+    Attributes
+    ----------
+    config
+        The configuration in use.
+    group
+        State of the drives.
+    watch
+        Statistics of the cycles.
+    facts
+        What each drive has said about itself, `None` before it was configured (m).
+    rejected, last_rejection
+        Number of commands that were not passed on, and the newest of them in words.
+    postponed
+        SYNC frames left out since the drives were last enabled.
     """
 
-    def __init__(self, motors: int, frames: int = 1) -> None:
-        self._motors = motors
-        self._frames = motors * frames
-        self._histogram = LatencyHistogram()
-        self._owed = [0] * self._frames  # answers to earlier SYNC frames that may still come
-        self._taken_as_late: set[int] = set()
-        self._answered: set[int] = set()
-        self._commanded: set[int] = set()
-        self._last_feedback = self._last_command = 0.0
-        self._begun = False
-        self.clear()
+    def __init__(self, config: CanConfig) -> None:
+        count = len(config.drives)
+        self.config = config
+        self.group = DriveGroup(
+            [drive.name for drive in config.drives], config.brake_open_bit, config.timeouts
+        )
+        self._feedback = MotorFeedback(config)
+        self.watch = CycleWatch(count, self._feedback.frames)
+        self.facts: list[DriveFacts | None] = [None] * count
+        self.rejected = 0
+        self.last_rejection = ""
+        self.postponed = 0
+        self._rpdos = [TorqueFrame(config, drive) for drive in config.drives]
+        self._torque_watch = TorqueWatch(count, config.torque_check)
+        heartbeat = cob_id(FunctionCode.HEARTBEAT, config.master_node_id)
+        self._heartbeats = [Frame(bus.name, heartbeat, bytes([OPERATIONAL])) for bus in config.buses]
+        self._heartbeat_due = 0.0
+        self._sync_time = 0.0
+        self._sync_stamp = 0
+        self._published_stamp = 0
 
-    def _begin(self) -> None:
-        for index in range(self._frames):
-            if index in self._answered or index in self._taken_as_late:
-                # what was owed has come, or nothing came after what was taken for it: then it was lost, not late
-                self._owed[index] = 0
-            elif self._begun:
-                self._owed[index] += 1
-                self._missing[index] += 1
-        self._begun = True
-        self._taken_as_late = set()
-        self._answered = set()
-        self._commanded = set()
-        self._last_feedback = 0.0
-        self._last_command = 0.0
+    # Once a cycle.
 
-    def clear(self) -> None:
-        """Restart the statistics; the present cycle goes on and is counted when it ends."""
-        self._cycles = 0
-        self._missed = 0
-        self._incomplete = 0
-        self._late_commands = 0
-        self._repeated_feedback = 0
-        self._late_feedback = 0
-        self._histogram.clear()
-        self._ended = 0
-        self._missing = [0] * self._frames
-        self._late = [0] * self._frames
+    def wants_sync(self, now: float) -> bool:
+        """Return whether the next SYNC may go out, or is to be left out because answers to the last one may come.
 
-    def sync(self, counted: bool) -> None:
-        """End the present cycle, which enters the statistics when `counted`, and begin the next."""
-        self._ended += self._begun
-        if counted:
-            self._cycles += 1
-            if len(self._answered) < self._frames:
-                self._incomplete += 1
-            if len(self._commanded) < self._motors:
-                self._missed += 1
-            else:
-                self._histogram.add(max(0.0, self._last_command - self._last_feedback))
-        self._begin()
-
-    def is_late(self, index: int) -> bool:
-        """Whether feedback that has just come answers an earlier SYNC, and so tells where the motor was then.
-
-        A drive answers each SYNC once, in their order: after a cycle without its answer the next frame is that
-        answer. Should none follow in the same cycle, then the answer was lost, and the next frame counts again.
+        An answer that came after the next SYNC would be taken for the answer to that one: a position of the
+        wrong moment, and a speed that is off by half or more. A drive that stays silent stops the robot later.
         """
-        if self._owed[index] == 0:
+        if (
+            self.group.state is not DriverState.NOT_READY
+            and self.watch.missing
+            and now - self._sync_time < _LONGEST_WAIT * self.config.period
+        ):
+            self.postponed += 1
             return False
-        self._owed[index] -= 1
-        self._taken_as_late.add(index)
-        self._late_feedback += 1
-        self._late[index] += 1
         return True
 
-    def feedback(self, index: int, time: float) -> bool:
-        """Note the feedback of a drive, on the bus at `time`; return whether it was the last one missing."""
-        if index in self._answered:
-            self._repeated_feedback += 1
-            return False
-        self._answered.add(index)
-        self._last_feedback = max(self._last_feedback, time)
-        return len(self._answered) == self._frames
+    def sync(self, now: float, stamp_ns: int) -> None:
+        """Begin the cycle of a SYNC that goes out now; its stamp in ns of ROS time."""
+        self.watch.sync(counted=self.group.state is DriverState.ENABLED)
+        self._sync_time = now
+        self._sync_stamp = stamp_ns
 
-    def command(self, index: int, fresh: bool, time: float) -> None:
-        """Note that a command was put on the bus at `time`."""
-        if not fresh:
-            self._late_commands += 1
-        elif index not in self._commanded:
-            self._commanded.add(index)
-            self._last_command = max(self._last_command, time)
+    def step(self, now: float) -> list[Frame]:
+        """Change the state as it follows; return heartbeats that are due, and control words to be sent (again)."""
+        frames: list[Frame] = []
+        if now >= self._heartbeat_due:
+            self._heartbeat_due = now + self.config.timeouts.heartbeat_producer
+            frames += self._heartbeats
+        self.group.step(now)
+        deadline = now + self.config.period
+        known = [drive.state is not None for drive in self.group.drives]
+        for index, (rpdo, word) in enumerate(zip(self._rpdos, self.group.control_words, strict=True)):
+            repeat = not (rpdo.sent or self.group.settled(index))
+            if known[index] and (repeat or word != rpdo.control_word):
+                frames.append(rpdo.make(word, deadline))
+            rpdo.sent = False
+        return frames
+
+    # What the drives send.
+
+    def feedback(self, now: float, index: int, data: bytes | bytearray) -> MotorStates | None:
+        """Take the first frame of a drive; return the motor states when it was the last one missing.
+
+        Raises
+        ------
+        FrameError
+            If the frame is cut short or too long, or its status word is that of no state.
+        """
+        status, position, torque = self._feedback.decode(data)
+        self.group.feedback(index, status, now)
+        if self.watch.is_late(index):
+            return None
+        measured = self._feedback.measured(index, position, torque)
+        problem = self._torque_watch.answered(index, measured, now, self.group.operates(index))
+        if problem:
+            self.group.quick_stop(f"{self.config.drives[index].name} {problem}", now)
+        return self._answered(now, index)
+
+    def velocity(self, now: float, index: int, data: bytes | bytearray) -> MotorStates | None:
+        """Take the second frame of a drive, which holds its velocity; else as `feedback`."""
+        (velocity,) = frame_table.DRIVE_TPDO2.decode(data)
+        facts = self.facts[index]
+        place = index + len(self.facts)
+        if facts is None or facts.velocity_unit is None or self.watch.is_late(place):
+            return None
+        self._feedback.moves(index, velocity * facts.velocity_unit)
+        return self._answered(now, place)
+
+    def _answered(self, now: float, place: int) -> MotorStates | None:
+        if not self.watch.feedback(place, now):
+            return None
+        states = self._feedback.states(self._sync_stamp, self._sync_time)
+        if states is not None:
+            self._published_stamp = self._sync_stamp
+        return states
+
+    def inputs(self, now: float, index: int, data: bytes | bytearray) -> list[Frame]:
+        """Take the digital inputs of a drive, which come when they change; return the frames of a stop."""
+        (inputs,) = frame_table.DRIVE_TPDO3.decode(data)
+        entry = self.config.emergency_stop_input
+        if entry is None:
+            return []
+        self.group.emergency_stop(index, entry.is_active(inputs), now)
+        return self._changed(now)
+
+    def emergency(self, now: float, index: int, code: int, register: int, data: bytes) -> list[Frame]:
+        """Take an emergency message of a drive; return the frames of a stop."""
+        self.group.emergency(index, Emergency(code, register, data, now))
+        return self._changed(now)
+
+    def configured(self, now: float, index: int, facts: DriveFacts) -> None:
+        """Note that a drive is configured, and what it has said about itself."""
+        self.facts[index] = facts
+        self.group.configured(index)
+        if facts.error_register:
+            self.group.emergency(index, Emergency(facts.error_code, facts.error_register, bytes(5), now))
+        self.group.emergency_stop(index, facts.emergency_stop, now)
+
+    def lost(self, now: float, index: int, reason: str) -> None:
+        """Note that a drive cannot be used any more; it may come back without what it was told."""
+        self.group.lost(index, reason, now)
+        self._rpdos[index].control_word = None
+
+    def bus_failed(self, now: float, bus: str, problem: str) -> list[Frame]:
+        """Stop when a bus carries no frames any more, with that as the cause; what follows from it comes later."""
+        return self._stop(now, f"bus {bus}: {problem}")
+
+    # Torque commands.
+
+    def command(self, now: float, index: int, stamp_ns: int, torque: float) -> list[Frame]:
+        """Return the frame that passes a torque, N m, on to a drive, or the frames of a stop when it may not have it.
+
+        Parameters
+        ----------
+        now
+            When the command came, s.
+        index
+            Of the drive.
+        stamp_ns
+            Stamp of the motor states that the command answers.
+        torque
+            At the motor shaft, N m; positive pays out.
+        """
+        rpdo = self._rpdos[index]
+        fault = rpdo.check.fault(torque, 1e-9 * (self._published_stamp - stamp_ns))
+        if fault is not None:
+            return self._reject(now, index, f"torque command of {torque:g} N m {fault.value}")
+        if stamp_ns < rpdo.stamp_ns:
+            self.watch.command(index, fresh=False, time=0.0)  # overtaken by a newer one
+            return []
+        rpdo.stamp_ns = stamp_ns
+        self.group.commanded(index, now)
+        if self.group.state is DriverState.FAULT:
+            return []  # the torque stays what it was when the fault came, until the brakes hold
+        rpdo.torque = self.config.drives[index].units.per_mille(torque)
+        self._torque_watch.told(index, torque)
+        deadline = self._sync_time + self.config.period
+        return [rpdo.make(self.group.control_words[index], deadline, (index, stamp_ns))]
+
+    def sent(self, now: float, index: int, stamp_ns: int) -> None:
+        """Note that the frame of a torque command was put on the bus."""
+        self.watch.command(index, fresh=stamp_ns == self._sync_stamp, time=now)
+
+    def unreadable(self, now: float, index: int, problem: str) -> list[Frame]:
+        """Count a command that could not be read; return the frames of a stop when the drives are in motion."""
+        return self._reject(now, index, f"{CommandFault.UNREADABLE.value} torque command: {problem}")
+
+    def _reject(self, now: float, index: int, problem: str) -> list[Frame]:
+        self.rejected += 1
+        self.last_rejection = f"{self.config.drives[index].name}: {problem}"
+        return self._stop(now, self.last_rejection)
+
+    # The operator's commands.
+
+    def enable(self, now: float, index: int | None = None) -> str | None:
+        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
+        refusal = self.group.enable(now, index)
+        if refusal is None:
+            self.watch.clear()
+            self.postponed = 0
+        return refusal
+
+    def disable(self, now: float, index: int | None = None) -> list[Frame]:
+        """Begin to close the brakes, of all drives or of one, and to take the torque away."""
+        self.group.disable(now, index)
+        return self._changed(now)
+
+    def quick_stop(self, now: float, cause: str) -> list[Frame]:
+        """Stop all drives at once and latch the cause."""
+        self.group.quick_stop(cause, now)
+        return self._changed(now)
+
+    def home_refusal(self, now: float) -> str | None:
+        """Return why the present pose cannot become the home pose, or `None`.
+
+        Only at rest: a controller would take the jump of the angle for motion.
+        """
+        if self.group.state in IN_MOTION:
+            return f"the drives are {self.group.state.value}: disable them first"
+        for index, drive in enumerate(self.group.drives):
+            silent = self.group.feedback_age(index, now) > self.config.timeouts.feedback
+            if drive.state is None or silent:
+                return f"{drive.name} does not report its position"
+            if not drive.held:
+                return f"the brake of {drive.name} is open"
+        return None
+
+    def counts(self) -> list[int]:
+        """Return the position values of the present pose (m)."""
+        pairs = zip(self.config.drives, self._feedback.angles, strict=True)
+        return [drive.units.counts(angle) for drive, angle in pairs]
+
+    def set_home(self, counts: Sequence[int]) -> None:
+        """Let the motor angles be zero at other position values (m)."""
+        self.config = with_home(self.config, counts)
+        self._feedback.use(self.config)
 
     @property
-    def missing(self) -> tuple[int, ...]:
-        """Frames that have not come in the present cycle."""
-        return tuple(index for index in range(self._frames) if index not in self._answered)
+    def at_rest(self) -> bool:
+        """Whether all brakes hold, as far as is known, and none is about to open."""
+        return self.group.state not in IN_MOTION and self.group.held
 
-    def statistics(self) -> CycleStatistics:
-        """Return the counts so far."""
-        return CycleStatistics(
-            self._cycles,
-            self._missed,
-            self._incomplete,
-            self._late_commands,
-            self._repeated_feedback,
-            self._late_feedback,
-            self._histogram.summary(),
-            tuple(map(self._counts, range(self._motors))),
-        )
+    def _stop(self, now: float, cause: str) -> list[Frame]:
+        return self.quick_stop(now, cause) if self.group.state in IN_MOTION else []
 
-    def _counts(self, motor: int) -> AnswerCounts:
-        missing = max(self._missing[motor :: self._motors])
-        # A drive that answers in two frames is late in both.
-        return AnswerCounts(self._ended - missing, max(self._late[motor :: self._motors]), missing)
+    def _changed(self, now: float) -> list[Frame]:
+        """Return the control words that are others than before, and not those of drives that are there already."""
+        deadline = now + self.config.period
+        words = zip(self._rpdos, self.group.control_words, strict=True)
+        return [
+            rpdo.make(word, deadline)
+            for index, (rpdo, word) in enumerate(words)
+            if word != rpdo.control_word and not self.group.settled(index)
+        ]

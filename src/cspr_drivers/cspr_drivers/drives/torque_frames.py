@@ -2,54 +2,77 @@
 
 from __future__ import annotations
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts, CyclicFrame
+import math
+from typing import NamedTuple
+
 from cspr_drivers.canopen.frame_table import CONTROL_WORD, TARGET_TORQUE, FunctionCode, cob_id
-from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.can_config import CanConfig, DriveConfig
+from cspr_drivers.drives.command_check import CommandCheck
+
+
+class Frame(NamedTuple):
+    """A frame to be sent.
+
+    Attributes
+    ----------
+    bus
+        Name of its bus.
+    cob_id, data
+        As they go on the bus.
+    deadline
+        Monotonic time, s, until which it is worth sending again while the interface has no room for it.
+    command
+        Motor, from 0, whose torque command it passes on, and stamp of the motor states that the command answers.
+    """
+
+    bus: str
+    cob_id: int
+    data: bytes
+    deadline: float = -math.inf
+    command: tuple[int, int] | None = None
 
 
 class TorqueFrame:
-    """RPDO of one drive. Not thread-safe: the caller serialises.
+    """What one drive is told.
 
     Parameters
     ----------
     config
-        Frame layout.
-    port
-        Bus of the drive.
-    node_id
-        Node id of the drive.
+        Frame layout and limits.
+    drive
+        The drive.
 
     Attributes
     ----------
+    check
+        What a torque command must be before it may reach the drive.
     torque
         Torque to be sent, in thousandths of the rated torque.
+    stamp_ns
+        Stamp of the newest motor states that a command has answered.
     sent
-        Whether a frame went out since this was last set to `False`.
+        Whether a frame was made since this was last set to `False`.
     control_word
         Control word of the last frame, `None` before the first.
     """
 
-    def __init__(self, config: CanConfig, port: CanPort, node_id: int) -> None:
+    def __init__(self, config: CanConfig, drive: DriveConfig) -> None:
+        self.check = CommandCheck(drive.units.torque_limit, config.timeouts.command)
         self.torque = 0
+        self.stamp_ns = 0
         self.sent = False
         self.control_word: int | None = None
-        self._port = port
+        self._bus = drive.bus
+        self._cob_id = cob_id(FunctionCode.RPDO1, drive.node_id)
         self._layout = config.pdo.drive_rpdo
         self._word_place = self._layout.position(CONTROL_WORD)
         self._torque_place = self._layout.position(TARGET_TORQUE)
         self._values = [0, 0]
-        self._frame = CyclicFrame(cob_id(FunctionCode.RPDO1, node_id))
 
-    def send(self, control_word: int, deadline: float) -> bool:
-        """Put control word and torque on the bus, until `deadline`, s; return whether that went well."""
+    def make(self, control_word: int, deadline: float, command: tuple[int, int] | None = None) -> Frame:
+        """Return the frame of a control word and the present torque."""
         self._values[self._word_place] = control_word
         self._values[self._torque_place] = self.torque
-        self._frame.assign(self._layout.encode(*self._values))
         self.sent = True
         self.control_word = control_word
-        return self._port.send(self._frame, deadline)
-
-
-def torque_frames(config: CanConfig, ports: CanPorts) -> list[TorqueFrame]:
-    """Return the frame of each drive, in the order of the configuration."""
-    return [TorqueFrame(config, ports[drive.bus], drive.node_id) for drive in config.drives]
+        return Frame(self._bus, self._cob_id, self._layout.encode(*self._values), deadline, command)

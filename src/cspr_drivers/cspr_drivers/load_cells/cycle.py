@@ -1,135 +1,110 @@
-"""Bookkeeping of the load cells: all tensions of one SYNC together; what is missing is never made up."""
+"""What the load cells measure: frames in, the tensions of one SYNC out, and what is wrong with which cell.
+
+It has no bus, no thread, no lock and no clock: times are arguments, in seconds of one monotonic clock.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
 
-from cspr_drivers.drives.cycle import AnswerCounts, Cycle
+from cspr_drivers.canopen.cia404 import status_text
+from cspr_drivers.canopen.emergency import ActiveErrors, Emergency, after
+from cspr_drivers.canopen.frame_table import INPUT_STATUS, PROCESS_VALUE
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.load_cells.stuck_cells import StuckCells
+from cspr_drivers.load_cells.tension_cycle import CompleteTensions, TensionCycle
 
-
-@dataclass(frozen=True)
-class CompleteTensions:
-    """Tensions of all cables at one SYNC: its stamp in ns of ROS time, and (m,) in N."""
-
-    stamp_ns: int
-    tensions: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class TensionStatistics:
-    """Counts since the start.
-
-    Attributes
-    ----------
-    cycles
-        Cycles that have ended.
-    incomplete_cycles
-        Those of them without a valid value of every cell.
-    missing
-        Cycles without a valid value, of each cell that has any.
-    answers
-        Of each cell, valid or not.
-    problems
-        What is wrong with a cell now: it is silent, or its status in words. Only cells with a problem.
-    """
-
-    cycles: int
-    incomplete_cycles: int
-    missing: dict[str, int]
-    problems: dict[str, str]
-    answers: tuple[AnswerCounts, ...]
+_SATURATED = "at the end of its measuring range"
 
 
-class TensionCycle:
-    """The present cycle of the load cells, and the statistics of those before it.
+class LoadCellCycle:
+    """The m load cells of a configuration, from one SYNC to the next.
 
     Parameters
     ----------
-    names
-        Names of the cells (m).
+    config
+        Load cells, frame layout, times.
+
+    Attributes
+    ----------
+    tensions
+        The present cycle and its statistics.
+    errors
+        Of each cell, that it has reported by emergency messages and not taken back (m).
+    sync_time
+        Of the last SYNC, s; `None` before the first.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = tuple(names)
-        self._stamp: int | None = None
-        self._values: list[float | None] = [None] * len(self._names)
-        self._last: list[float | None] = [None] * len(self._names)
-        self._invalid: dict[int, str] = {}
-        self._count = 0
-        self._cycles = 0
-        self._incomplete = 0
-        self._missing = [0] * len(self._names)
-        self._problems: dict[str, str] = {}
-        self._answers = Cycle(len(self._names))
+    def __init__(self, config: CanConfig) -> None:
+        count = len(config.load_cells)
+        self.tensions = TensionCycle([cell.name for cell in config.load_cells])
+        self.errors: list[ActiveErrors] = [()] * count
+        self.sync_time: float | None = None
+        self._cells = config.load_cells
+        self._silence = config.timeouts.feedback
+        self._layout = config.pdo.load_cell_tpdo
+        self._value_place = self._layout.position(PROCESS_VALUE)
+        self._status_place = self._layout.position(INPUT_STATUS)
+        self._stuck = StuckCells(count, config.load_cell_checks)
+        self._heard = [-math.inf] * count
+        self._status = [""] * count  # of the newest value of each cell, empty when it is valid
+        self._spans: list[tuple[float, float]] = [(-math.inf, math.inf)] * count
 
-    def sync(self, stamp_ns: int) -> None:
-        """End the present cycle and begin the next, whose SYNC has this stamp."""
-        if self._stamp is not None:
-            self._cycles += 1
-            self._last = self._values
-            if self._count < len(self._names):
-                self._incomplete += 1
-                self._note_missing()
-            elif self._problems:
-                self._problems = {}
-        self._answers.sync(counted=False)
-        self._stamp = stamp_ns
-        self._values = [None] * len(self._names)
-        self._invalid = {}
-        self._count = 0
+    def sync(self, now: float, stamp_ns: int) -> None:
+        """Begin the cycle of a SYNC; its stamp in ns of ROS time."""
+        self.sync_time = now
+        self.tensions.sync(stamp_ns)
 
-    def measured(self, index: int, tension: float, problem: str) -> CompleteTensions | None:
-        """Take the value of a cell; return all tensions when it was the last one missing.
+    def measured(self, now: float, index: int, data: bytes | bytearray) -> CompleteTensions | None:
+        """Take the frame of a cell; return all tensions when it was the last one missing.
+
+        Raises
+        ------
+        FrameError
+            If the frame is cut short or too long.
+        """
+        values = self._layout.decode(data)
+        value, status = values[self._value_place], values[self._status_place]
+        low, high = self._spans[index]
+        problem = status_text(status) if status else "" if low < value < high else _SATURATED
+        self._heard[index] = now
+        self._status[index] = problem
+        complete = self.tensions.measured(index, self._cells[index].units.tension(value), problem)
+        if complete is not None:
+            self._stuck.observe(now, complete.tensions)
+        return complete
+
+    def configured(self, index: int, span: tuple[int | None, int | None]) -> None:
+        """Note that a cell is configured: the values at the ends of its measuring range, as far as it says."""
+        low, high = span
+        self._spans[index] = (-math.inf if low is None else low, math.inf if high is None else high)
+
+    def emergency(self, index: int, message: Emergency) -> None:
+        """Take an emergency message of a cell."""
+        self.errors[index] = after(self.errors[index], message)
+
+    def problems(self, now: float, not_configured: Mapping[str, str]) -> dict[str, str]:
+        """Return what is wrong with cells, by name; empty when all is well.
 
         Parameters
         ----------
-        index
-            Of the cell.
-        tension
-            N.
-        problem
-            Why the value is not valid, empty when it is.
+        now
+            s.
+        not_configured
+            Devices that are not configured, with the reason.
         """
-        if self._stamp is None or self._values[index] is not None:
-            return None
-        # Amplifiers convert for a good part of a cycle. A value that comes after the next SYNC is counted as late and
-        # used in the cycle in which it comes: unlike a position it is not differentiated.
-        self._answers.is_late(index)
-        self._answers.feedback(index, 0.0)
-        if problem:
-            self._invalid[index] = problem
-            return None
-        self._values[index] = tension
-        self._count += 1
-        if self._count < len(self._names):
-            return None
-        return CompleteTensions(self._stamp, tuple(value for value in self._values if value is not None))
-
-    def tare_refusal(self, limit: float) -> str | None:
-        """Return why the cells must not be tared now, or `None`.
-
-        A value of every cell in the last cycle is wanted, none of them beyond `limit`, N: the weight of the
-        platform must not become zero.
-        """
-        for name, value in zip(self._names, self._last, strict=True):
-            if value is None:
-                return f"{name} gives no valid value"
-            if abs(value) > limit:
-                return f"{name} carries {value:.0f} N: only slack cables, below {limit:g} N, can be tared"
-        return None
-
-    def statistics(self) -> TensionStatistics:
-        """Return the counts so far."""
-        missing = {name: count for name, count in zip(self._names, self._missing, strict=True) if count}
-        return TensionStatistics(
-            self._cycles, self._incomplete, missing, dict(self._problems), self._answers.statistics().answers
-        )
-
-    def _note_missing(self) -> None:
-        problems = {}
-        for index, value in enumerate(self._values):
-            if value is None:
-                self._missing[index] += 1
-                problems[self._names[index]] = self._invalid.get(index, "silent")
-        self._problems = problems
+        found = {}
+        synchronous = self.sync_time is not None and now - self.sync_time < self._silence
+        for index, cell in enumerate(self._cells):
+            if (problem := not_configured.get(str(cell))) is not None:
+                found[cell.name] = problem
+            elif synchronous and now - self._heard[index] > self._silence:
+                found[cell.name] = "silent"
+            elif self._status[index]:
+                found[cell.name] = self._status[index]
+            elif index in self._stuck.stuck:
+                found[cell.name] = "stuck: its value does not change while others do"
+            elif self.errors[index]:
+                found[cell.name] = f"reports {self.errors[index][-1].text}"
+        return found

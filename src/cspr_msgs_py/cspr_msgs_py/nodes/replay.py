@@ -1,4 +1,4 @@
-"""Executable ``replay``: publishes a bag as it was recorded, with its timing and ``/clock``."""
+"""Publish a bag as it was recorded, with its timing and ``/clock``."""
 
 import argparse
 import math
@@ -23,6 +23,7 @@ from cspr_msgs_py.bag.reader import Bag, BagWarning, Message
 from cspr_msgs_py.bag.replay_pace import ReplayPace
 from cspr_msgs_py.errors import BagError, MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class
+from cspr_msgs_py.programs.command_line import program_parser
 from cspr_msgs_py.qos import replay_profile
 from cspr_msgs_py.runtime.process import LEAN_NODE
 from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
@@ -53,9 +54,9 @@ EPILOG = """A topic that somebody else publishes is refused, and so are commands
 listens: replay into a graph of its own (another ROS_DOMAIN_ID), or choose the topics.
 
 examples:
-  replay runs/latest/bag                                      everything, to look at in RViz or Foxglove
-  replay runs/latest/bag --loop --topics /motor_states /cable_tensions
-  replay runs/latest/bag --start 12.5 --paused                to step through a moment"""
+  cspr replay runs/latest/bag                                      everything, to look at in RViz or Foxglove
+  cspr replay runs/latest/bag --loop --topics /motor_states /cable_tensions
+  cspr replay runs/latest/bag --start 12.5 --paused                to step through a moment"""
 
 
 class Step(Enum):
@@ -268,12 +269,7 @@ class Replay:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="replay",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = program_parser("replay", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("bag", metavar="BAG", type=Path, help="directory of a bag, or one of its files")
     add("--rate", metavar="R", type=_positive, default=1.0, help="seconds of the bag in a second; default: 1")

@@ -1,6 +1,6 @@
 import pytest
 
-from cspr_drivers.drives.cycle import Cycle
+from cspr_drivers.drives.cycle_watch import CycleWatch
 from cspr_drivers.drives.latency import LatencyHistogram
 
 
@@ -13,7 +13,7 @@ def run(cycle, start, feedback=(0, 1), commands=(0, 1), fresh=True):
 
 
 def test_a_full_cycle_has_a_latency():
-    cycle = Cycle(2)
+    cycle = CycleWatch(2)
     cycle.sync(counted=False)
     assert not cycle.feedback(1, 0.001)
     assert cycle.missing == (0,)
@@ -28,7 +28,7 @@ def test_a_full_cycle_has_a_latency():
 
 
 def test_a_cycle_without_all_commands_is_missed():
-    cycle = Cycle(2)
+    cycle = CycleWatch(2)
     run(cycle, 0.0, commands=(0,))
     run(cycle, 0.004, commands=(0, 0))
     run(cycle, 0.008, fresh=False)
@@ -38,14 +38,14 @@ def test_a_cycle_without_all_commands_is_missed():
 
 
 def test_a_cycle_without_all_feedback_is_incomplete():
-    cycle = Cycle(2)
+    cycle = CycleWatch(2)
     run(cycle, 0.0, feedback=(0,), commands=())
     statistics = cycle.statistics()
     assert (statistics.cycles, statistics.missed_cycles, statistics.incomplete_cycles) == (1, 1, 1)
 
 
 def test_feedback_that_comes_twice_is_counted_and_completes_nothing():
-    cycle = Cycle(2)
+    cycle = CycleWatch(2)
     assert not cycle.feedback(0, 0.001)
     assert not cycle.feedback(0, 0.0011)
     assert cycle.feedback(1, 0.0012)
@@ -53,7 +53,7 @@ def test_feedback_that_comes_twice_is_counted_and_completes_nothing():
 
 
 def test_cycles_enter_the_statistics_only_when_counted():
-    cycle = Cycle(2)
+    cycle = CycleWatch(2)
     cycle.sync(counted=False)
     cycle.sync(counted=False)
     assert cycle.statistics().cycles == 0
@@ -81,7 +81,7 @@ def test_a_very_late_command_keeps_its_value_as_maximum():
     assert LatencyHistogram().summary().p99 == 0.0
 
 
-def answer(cycle: Cycle, *indices: int) -> list[bool]:
+def answer(cycle: CycleWatch, *indices: int) -> list[bool]:
     """Deliver feedback as the driver does; returns for each frame whether it was used."""
     used = []
     for index in indices:
@@ -93,7 +93,7 @@ def answer(cycle: Cycle, *indices: int) -> list[bool]:
 
 
 def test_an_answer_that_comes_after_the_next_sync_is_not_taken_for_the_next_answer():
-    cycle = Cycle(2)
+    cycle = CycleWatch(2)
     cycle.sync(counted=True)
     assert answer(cycle, 0) == [True]
     cycle.sync(counted=True)  # motor 1 has not answered yet
@@ -105,14 +105,14 @@ def test_an_answer_that_comes_after_the_next_sync_is_not_taken_for_the_next_answ
 
 
 def test_answers_to_two_earlier_cycles_are_told_apart():
-    cycle = Cycle(1)
+    cycle = CycleWatch(1)
     for _ in range(3):
         cycle.sync(counted=True)
     assert answer(cycle, 0, 0, 0) == [False, False, True]
 
 
 def test_an_answer_that_was_lost_costs_one_more_cycle_and_no_more():
-    cycle = Cycle(1)
+    cycle = CycleWatch(1)
     cycle.sync(counted=True)
     cycle.sync(counted=True)  # the first answer was lost
     assert answer(cycle, 0) == [False]

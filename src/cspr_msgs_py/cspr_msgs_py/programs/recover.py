@@ -1,6 +1,5 @@
-"""Executable ``recover``: makes a whole bag of a damaged one and says what was lost."""
+"""Make a whole bag of a damaged one, and say what was lost."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -8,26 +7,22 @@ from pathlib import Path
 
 from cspr_msgs_py.bag.recovery import Recovery, recover
 from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.programs.command_line import program_parser
 from cspr_msgs_py.runtime.terminal import progress_line
 
 DESCRIPTION = """Write what can be read of a damaged bag into a new, whole one, and say what was lost.
 
 For the bag of a recorder that was killed, of a power failure, or of a bad disk. The damaged bag is not touched.
-Attachments, metadata and quality of service are taken along."""
+Attachments, metadata and quality of service are copied too."""
 
 EPILOG = """examples:
-  recover runs/latest/bag                     writes runs/latest/bag_recovered
-  recover bag/bag_3.mcap --output whole       one file of a bag only"""
+  cspr recover runs/latest/bag                     writes runs/latest/bag_recovered
+  cspr recover bag/bag_3.mcap --output whole       one file of a bag only"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Recover a bag; return 0, or 1 if nothing could be read."""
-    parser = argparse.ArgumentParser(
-        prog="recover",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = program_parser("recover", DESCRIPTION, EPILOG)
     parser.add_argument("bag", metavar="BAG", type=Path, help="directory of a bag, or one of its files")
     parser.add_argument(
         "--output",

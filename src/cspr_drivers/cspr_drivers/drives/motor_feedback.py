@@ -1,0 +1,74 @@
+"""What the drives measure: their frames in, motor states in SI units out."""
+
+from __future__ import annotations
+
+from cspr_drivers.canopen.frame_table import POSITION_ACTUAL, STATUS_WORD, TORQUE_ACTUAL
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.motor_speed import PositionDifference
+from cspr_drivers.drives.report import MotorStates
+
+
+class MotorFeedback:
+    """Newest angle, speed and torque of each motor.
+
+    Parameters
+    ----------
+    config
+        Frame layouts, and the units of each drive.
+
+    Attributes
+    ----------
+    frames
+        Number of frames in which each drive answers a SYNC.
+    angles
+        Motor angles, rad (m,).
+    """
+
+    def __init__(self, config: CanConfig) -> None:
+        self._drives = config.drives
+        self._layout = config.pdo.drive_tpdo
+        self._places = [
+            self._layout.position(entry) for entry in (STATUS_WORD, POSITION_ACTUAL, TORQUE_ACTUAL)
+        ]
+        self.frames = 1 if config.pdo.drive_tpdo_2 is None else 2
+        self._difference = PositionDifference(config.velocity_filter) if self.frames == 1 else None
+        self.angles = [0.0] * len(config.drives)
+        self._speeds = [0.0] * len(config.drives)
+        self._torques = [0.0] * len(config.drives)
+
+    def decode(self, data: bytes | bytearray) -> tuple[int, int, int]:
+        """Return status word, position value and torque value of a drive's first frame.
+
+        Raises
+        ------
+        FrameError
+            If the frame is cut short or too long.
+        """
+        values = self._layout.decode(data)
+        status, position, torque = self._places
+        return values[status], values[position], values[torque]
+
+    def measured(self, index: int, position: int, torque: int) -> float:
+        """Take position and torque value of a drive; return its torque, N m."""
+        units = self._drives[index].units
+        self.angles[index] = units.angle(position)
+        self._torques[index] = measured = units.torque(torque)
+        return measured
+
+    def moves(self, index: int, velocity: float) -> None:
+        """Take the velocity of a drive, rad/s as its encoder counts."""
+        self._speeds[index] = self._drives[index].units.polarity * velocity
+
+    def states(self, stamp_ns: int, time: float) -> MotorStates | None:
+        """Return the motor states at a SYNC, stamp and monotonic time, s; `None` while there is no speed."""
+        angles = tuple(self.angles)
+        speeds = self._speeds if self._difference is None else self._difference.update(time, angles)
+        if speeds is None:
+            return None  # the first cycle has no speed yet
+        return MotorStates(stamp_ns, angles, tuple(speeds), tuple(self._torques))
+
+    def use(self, config: CanConfig) -> None:
+        """Use the units of another configuration; the next angles have nothing to do with those before."""
+        self._drives = config.drives
+        if self._difference is not None:
+            self._difference.clear()

@@ -1,0 +1,1 @@
+"""The command ``cspr`` and the programs that are no nodes."""

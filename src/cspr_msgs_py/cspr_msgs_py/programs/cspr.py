@@ -1,0 +1,59 @@
+"""Executable ``cspr``: the programs of the robot that are no nodes, under one name.
+
+Programs are entry points of the group ``cspr.programs``, of any package that is installed. None is imported to list
+them: the line about each is the first of its module's docstring, read from the file.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import sys
+from collections.abc import Iterable, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+
+GROUP = "cspr.programs"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program that the first argument names; return its exit status, or 2 if there is none of that name."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    programs = {entry.name: entry for entry in entry_points(group=GROUP)}
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_help(programs.values()))
+        return 0 if words else 2
+    name = words[0]
+    if name not in programs:
+        near = difflib.get_close_matches(name, programs, 1, 0.5)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(programs))}"
+        print(f"cspr: there is no program {name!r}; {hint}", file=sys.stderr)
+        return 2
+    sys.argv = [f"cspr {name}", *words[1:]]  # the program reads its arguments as if it were started alone
+    return int(programs[name].load()() or 0)
+
+
+def _help(programs: Iterable[EntryPoint]) -> str:
+    lines = ["usage: cspr PROGRAM [options]", "", "programs:"]
+    lines += sorted(f"  {entry.name:<13}{_summary(entry)}" for entry in programs)
+    lines += ["", "`cspr PROGRAM --help` explains one. Nodes are started with `ros2 run PACKAGE NODE`."]
+    return "\n".join(lines)
+
+
+def _summary(entry: EntryPoint) -> str:
+    """Return the first line of a module's docstring; nothing is executed, nor its packages imported."""
+    package, *inside = entry.module.split(".")
+    spec = find_spec(package)
+    if spec is None or spec.origin is None:
+        return "(its package is not installed)"
+    try:
+        source = Path(spec.origin).parent.joinpath(*inside).with_suffix(".py").read_text(encoding="utf-8")
+    except OSError:
+        return ""
+    text = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+    return text.replace("``", "").rstrip(".")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,82 @@
+"""The command ``cspr``: what it lists without importing it, and how it starts a program."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from cspr_msgs_py.json_file import plain, write_json
+from cspr_msgs_py.programs import cspr
+from cspr_msgs_py.programs.command_line import program_parser
+
+
+def test_lists_every_program_and_imports_none() -> None:
+    code = (
+        "import sys\nfrom cspr_msgs_py.programs.cspr import main\nassert main(['--help']) == 0\n"
+        "loaded = {name for name in sys.modules if name.startswith(('cspr_', 'numpy', 'rclpy'))}\n"
+        "assert loaded == {'cspr_msgs_py', 'cspr_msgs_py.programs', 'cspr_msgs_py.programs.cspr'}, loaded\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for line in (
+        "  demo         Run the whole robot on this machine",
+        "  commission   Walk through a new machine",
+    ):
+        assert line in done.stdout
+
+
+def test_without_a_program_it_teaches(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cspr.main([]) == 2
+    assert "usage: cspr PROGRAM" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("analyse", "did you mean analyze?"), ("zzz", "there are analyze, ")]
+)
+def test_unknown_program(name: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cspr.main([name, "--help"]) == 2
+    assert words in capsys.readouterr().err
+
+
+def started() -> int:
+    """Stand in for a program."""
+    assert sys.argv == ["cspr stand-in", "--rate", "2"]
+    return 7
+
+
+def test_a_program_is_started_with_its_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["cspr"])
+    entry = EntryPoint("stand-in", "stand.in:main", cspr.GROUP)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: started)
+    monkeypatch.setattr(cspr, "entry_points", lambda group: [entry])
+    assert cspr.main(["stand-in", "--rate", "2"]) == 7
+
+
+def test_parser_teaches_and_takes_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = program_parser(
+        "measure", "Measure\n  something.", "examples:\n  cspr measure", json="the numbers"
+    )
+    assert parser.parse_args(["--json", "out.json"]).json == Path("out.json")
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--help"])
+    text = capsys.readouterr().out
+    assert "usage: cspr measure" in text
+    assert "Measure\n  something." in text
+    assert "examples:\n  cspr measure" in text
+    assert not hasattr(program_parser("replay", "", "").parse_args([]), "json")
+
+
+def test_json_without_nan(tmp_path: Path) -> None:
+    import numpy as np
+
+    write_json(
+        tmp_path / "a.json", {"error": np.array([1.0, np.nan]), 3: (np.float64(2.0), np.int64(1), None)}
+    )
+    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert content == {"error": [1.0, None], "3": [2.0, 1, None]}
+    assert plain(float("inf")) is None
