@@ -25,12 +25,12 @@ from cspr_drivers.commission.program import commission, main
 from cspr_drivers.commission.single_drive import SingleDrive
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError, ConfigurationError, DriverError
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload
+from cspr_msgs_py.vocabulary import DriverState
 
 ROOT = Path(__file__).parents[2]
 CHANNELS = itertools.count()
@@ -318,12 +318,12 @@ def why_not_enabled(path, wait_until):
     try:
         wait_until(
             lambda: (
-                master.states()[0] is GroupState.DISABLED
+                master.states()[0] is DriverState.DISABLED
                 or sum("expected" in line or "not commissioned" in line for line in lines) >= M
             ),
             timeout=30.0,
         )
-        if master.states()[0] is GroupState.DISABLED:
+        if master.states()[0] is DriverState.DISABLED:
             return ""
         refusal = master.enable()
         assert refusal is not None

@@ -20,12 +20,12 @@ from cspr_drivers.devices.setup import set_up_drive
 from cspr_drivers.devices.setup_thread import Commissioning
 from cspr_drivers.drives.cycle import DriveCycle
 from cspr_drivers.drives.cycle_clock import CycleClock
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.home_position import store_home
 from cspr_drivers.drives.report import DriveReport, MotorStates
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.torque_frames import Frame
 from cspr_drivers.errors import BusError, ConfigurationError, DeviceError
+from cspr_msgs_py.vocabulary import DriverState
 
 _HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
 
@@ -75,7 +75,7 @@ class DriveMaster:
         self._started = self._stopped = False
         self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
         self._commissioning = Commissioning(
-            [str(drive) for drive in config.drives], self._configure, self._at_rest, report
+            [str(drive) for drive in config.drives], self._configure, self._at_rest, report, self._clock
         )
         self._failures = [(port, partial(self._act, self._cycle.bus_failed, port.name)) for port in ports]
         self._devices = [
@@ -206,7 +206,7 @@ class DriveMaster:
         """The configuration in use."""
         return self._cycle.config
 
-    def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
+    def states(self) -> tuple[DriverState, str, tuple[DriveStatus, ...]]:
         """Return state and cause of the group, and the state of each drive."""
         group = self._cycle.group
         with self._lock:
