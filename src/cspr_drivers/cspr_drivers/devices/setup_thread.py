@@ -25,7 +25,7 @@ class Commissioning:
     allowed
         Whether devices may be configured now.
     report
-        Told, in one line, of each device that fails (once a cause) and of each that is ready.
+        Told, in one line, of each device that fails (once per cause) and of each that is ready.
     """
 
     def __init__(

@@ -299,7 +299,7 @@ class DriveMaster:
     # The devices.
 
     def _configure(self, index: int) -> None:
-        """Configure a drive; run by the commissioning thread."""
+        """Configure a drive; run by the set-up thread."""
         try:
             facts = set_up_drive(self._devices[index], self.config, self.config.drives[index])
         except DeviceError as error:

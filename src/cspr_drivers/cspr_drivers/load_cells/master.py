@@ -37,7 +37,7 @@ class LoadCellReport:
     problems
         What is wrong with a cell, in words; only cells with a problem, by name.
     errors
-        Of each cell, that it has reported by emergency messages and not taken back.
+        Of each cell, that it has reported by emergency messages and not withdrawn.
     tare_result
         Outcome of the last taring, empty before it.
     """
@@ -144,7 +144,7 @@ class LoadCellMaster:
         return refusal
 
     def watch(self, now: float) -> None:
-        """Have amplifiers configured again that are silent or not operational. Called about once a second."""
+        """Have silent amplifiers, and those not operational, configured again. Called about once a second."""
         waiting = self._commissioning.problems
         for index, device in enumerate(self._devices):
             if device.name not in waiting and (problem := device.problem(now, self._config.timeouts)):
@@ -177,7 +177,7 @@ class LoadCellMaster:
             self._publish(complete.stamp_ns, complete.tensions)
 
     def _configure(self, index: int) -> None:
-        """Bring an amplifier from wherever it is to NMT operational; run by the commissioning thread."""
+        """Bring an amplifier to NMT operational; run by the set-up thread."""
         facts = set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
         with self._lock:
             self._cycle.configured(index, facts.span)
@@ -192,7 +192,7 @@ class LoadCellMaster:
             try:
                 device.write(load_cell_tare())
             except DeviceError as error:
-                result = f"taring ended: {error}"
+                result = f"taring failed: {error}"
                 break
         with self._lock:
             self._tare_result = result
