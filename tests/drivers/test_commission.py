@@ -20,16 +20,17 @@ from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, FindingsFile, WinchFindings
 from cspr_drivers.commission.found_devices import FoundDevice
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
+from cspr_drivers.commission.operator import QUESTIONS
 from cspr_drivers.commission.program import commission, main
 from cspr_drivers.commission.single_drive import SingleDrive
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError, ConfigurationError, DriverError
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload
+from cspr_msgs_py.vocabulary import DriverState
 
 ROOT = Path(__file__).parents[2]
 CHANNELS = itertools.count()
@@ -297,6 +298,7 @@ def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_
     diff = next(line for line in rig.person.lines if line.startswith("---"))
     assert "+  - {bus: main, node_id: 3, polarity: 1" in diff
     assert not rig.path.with_name("can.yaml.commissioning").exists()
+    assert {key.partition(".")[0] for key in rig.person.asked} < set(QUESTIONS)
     # never more than one brake, never more torque than a tenth of 5 N m
     assert rig.bench.opened_together == 1
     assert rig.bench.largest_torque <= 0.5
@@ -316,12 +318,12 @@ def why_not_enabled(path, wait_until):
     try:
         wait_until(
             lambda: (
-                master.states()[0] is GroupState.DISABLED
+                master.states()[0] is DriverState.DISABLED
                 or sum("expected" in line or "not commissioned" in line for line in lines) >= M
             ),
             timeout=30.0,
         )
-        if master.states()[0] is GroupState.DISABLED:
+        if master.states()[0] is DriverState.DISABLED:
             return ""
         refusal = master.enable()
         assert refusal is not None
@@ -428,6 +430,12 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
     answers.write_text("home: perhaps\n")
     assert main(arguments) == 1
     assert capsys.readouterr().err == f"commission: {answers}: home: 'perhaps': answer yes or no\n"
+    answers.write_text("taken_off.3: yes\n")
+    assert main(arguments) == 1
+    assert (
+        "taken_off.3 = True: unknown key; did you mean taken-off? Known here: again"
+        in capsys.readouterr().err
+    )
     answers.write_text("home: yes\nwrite: no\n")
     before = rig.path.read_text()
     assert main(arguments) == 1
@@ -512,5 +520,5 @@ def test_a_calibration_that_is_none_is_refused(readings, masses, problem):
 
 def test_findings_of_another_form_are_not_taken_up(rig):
     rig.path.with_name("can.yaml.commissioning").write_text('{"form": 99}')
-    with pytest.raises(ConfigurationError, match=r"it has another format; begin anew with --restart"):
+    with pytest.raises(ConfigurationError, match=r"it has another format; start over with --restart"):
         rig.walk()

@@ -10,9 +10,9 @@ import pytest
 
 from cspr_drivers.bus.can_bus import CanPort, CanPorts
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError
+from cspr_msgs_py.vocabulary import DriverState
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -55,14 +55,14 @@ def rig(config, ports):
 
 @pytest.fixture
 def enabled(rig, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     wait_until(lambda: rig.master.enable() is None)
-    wait_until(lambda: rig.state is GroupState.ENABLED)
+    wait_until(lambda: rig.state is DriverState.ENABLED)
     return rig
 
 
 def test_drives_are_configured_and_started(rig, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     drive = far_end.drives[2]
     assert drive.operational
     assert drive.read(0x6060) == 10
@@ -88,7 +88,7 @@ def test_drives_are_configured_and_started(rig, far_end, wait_until):
 
 
 def test_a_pdo_is_written_in_the_order_of_the_standard_and_read_back(rig, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     drive = far_end.drives[2]
     # CiA 301, section 7.5.2.36: not valid, nothing mapped, objects, their number, transmission, valid.
     assert [write for write in drive.writes if write[0] in (0x1400, 0x1600)] == [
@@ -105,7 +105,7 @@ def test_a_pdo_is_written_in_the_order_of_the_standard_and_read_back(rig, far_en
 
 
 def test_a_drive_that_is_set_up_already_is_only_read(rig, config, ports, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     rig.master.stop()
     for drive in far_end.drives:
         drive.writes.clear()
@@ -114,7 +114,7 @@ def test_a_drive_that_is_set_up_already_is_only_read(rig, config, ports, far_end
     again = Rig(config, ports)
     again.master.start()
     try:
-        wait_until(lambda: again.state is GroupState.DISABLED)
+        wait_until(lambda: again.state is DriverState.DISABLED)
         assert all(drive.reads for drive in far_end.drives)
         assert [drive.writes for drive in far_end.drives] == [[]] * 5 + [[(0x605E, 0, b"\x02\x00")]] + [
             []
@@ -129,7 +129,7 @@ def test_a_lost_answer_is_asked_for_again(config, ports, far_end, wait_until):
     rig = Rig(config, ports)
     rig.master.start()
     try:
-        wait_until(lambda: rig.state is GroupState.DISABLED)
+        wait_until(lambda: rig.state is DriverState.DISABLED)
         assert rig.lines == []
         assert far_end.drives[1].read(0x6072) == 2000
     finally:
@@ -165,7 +165,7 @@ def test_a_wrong_device_is_not_touched_until_another_one_is_in_its_place(
         assert not drive.operational
         drive.objects[0x1018, subindex] = right
         far_end.send(0x705, [0])
-        wait_until(lambda: rig.state is GroupState.DISABLED)
+        wait_until(lambda: rig.state is DriverState.DISABLED)
     finally:
         rig.master.stop()
 
@@ -175,7 +175,7 @@ def test_the_minor_revision_is_of_no_consequence(config, ports, far_end, wait_un
     rig = Rig(config, ports)
     rig.master.start()
     try:
-        wait_until(lambda: rig.state is GroupState.DISABLED)
+        wait_until(lambda: rig.state is DriverState.DISABLED)
     finally:
         rig.master.stop()
 
@@ -228,7 +228,7 @@ def test_enable_and_disable(enabled, far_end, wait_until):
     assert all(drive.status == ENABLED for drive in far_end.drives)
     assert next(word for word, _ in far_end.drives[0].rpdos if word) == 0x06
     enabled.master.disable()
-    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    wait_until(lambda: enabled.state is DriverState.DISABLED)
     words = [word for word, _ in far_end.drives[0].rpdos]
     assert words[words.index(0x0F) :].count(0x07) >= 1  # disable operation first
     assert far_end.drives[0].rpdos[-1][1] == 200  # torque kept
@@ -245,7 +245,7 @@ def test_statistics_count_enabled_cycles(enabled, wait_until):
 def test_a_missing_command_is_a_missed_cycle(enabled, wait_until):
     enabled.silent.add(4)
     wait_until(lambda: enabled.master.snapshot().statistics.missed_cycles > 3)
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause == "no torque command within 300 ms for motor_5"
 
 
@@ -259,7 +259,7 @@ def test_a_missing_command_is_a_missed_cycle(enabled, wait_until):
 )
 def test_a_bad_torque_stops_the_drives_and_is_not_passed_on(enabled, far_end, wait_until, torque, words):
     enabled.torques[1] = torque
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause == words
     wait_until(lambda: all(drive.status == AT_REST for drive in far_end.drives))
     assert all(0x02 in [word for word, _ in drive.rpdos] for drive in far_end.drives)
@@ -269,20 +269,20 @@ def test_a_bad_torque_stops_the_drives_and_is_not_passed_on(enabled, far_end, wa
 def test_a_bad_torque_does_not_latch_while_disabled(rig, wait_until):
     rig.torques[1] = math.nan
     wait_until(lambda: rig.master.snapshot().rejected_commands > 0)
-    assert rig.state is not GroupState.FAULT
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    assert rig.state is not DriverState.FAULT
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     wait_until(lambda: rig.master.enable() == "no fresh torque commands for motor_2")
 
 
 def test_a_stale_command_stops_the_drives(enabled, wait_until):
     enabled.master.command(0, enabled.states[-1].stamp_ns - 400_000_000, 1.0)
-    assert enabled.state is GroupState.FAULT
+    assert enabled.state is DriverState.FAULT
     assert "motor_1: torque command of 1 N m is older than the command timeout" in enabled.cause
 
 
 def test_an_unreadable_command_stops_the_drives(enabled):
     enabled.master.reject_command(2, "JointState lacks motor_3")
-    assert enabled.state is GroupState.FAULT
+    assert enabled.state is DriverState.FAULT
     assert enabled.cause == "motor_3: unreadable torque command: JointState lacks motor_3"
 
 
@@ -291,17 +291,17 @@ def test_fault_is_latched_until_reset_and_enable_is_refused(enabled, far_end, wa
     enabled.master.quick_stop("something later")
     assert enabled.master.enable() == "a fault is latched: quick stop commanded; reset it first"
     wait_until(lambda: enabled.master.fault_reset() is None)
-    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    wait_until(lambda: enabled.state is DriverState.DISABLED)
     assert all(drive.status == AT_REST for drive in far_end.drives)
 
 
 def test_fault_of_one_drive_stops_all_and_is_reset_by_a_rising_edge(enabled, far_end, wait_until):
     far_end.send(0x083, bytes.fromhex("10 82 21 00 00 00 00 00"))
     far_end.drives[2].status = FAULT
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause == ("motor_3 reports PDO not processed because it is too short (error code 0x8210)")
     wait_until(lambda: enabled.master.fault_reset() is None)
-    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    wait_until(lambda: enabled.state is DriverState.DISABLED)
     words = [word for word, _ in far_end.drives[2].rpdos]
     first = words.index(0x80)
     assert not words[first - 1] & 0x80
@@ -313,22 +313,22 @@ def test_fault_of_one_drive_stops_all_and_is_reset_by_a_rising_edge(enabled, far
 def test_a_drive_that_stays_in_fault_says_so(enabled, far_end, wait_until):
     far_end.drives[5].obeys = False
     far_end.drives[5].status = FAULT
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     wait_until(lambda: enabled.master.fault_reset() is None)
     wait_until(lambda: enabled.cause == "not reset: motor_6 is in fault")
-    assert enabled.state is GroupState.FAULT
+    assert enabled.state is DriverState.FAULT
 
 
 def test_a_silent_drive_stops_the_others(enabled, far_end, wait_until):
     far_end.drives[6].answers_sync = False
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause.startswith(("motor_7: silent for", "no torque command within"))
     wait_until(lambda: far_end.drives[0].status == AT_REST)
 
 
 def test_a_missing_heartbeat_is_a_fault_in_motion(enabled, far_end, wait_until):
     far_end.beating = False
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert "no heartbeat for" in enabled.cause
 
 
@@ -337,12 +337,12 @@ def test_a_restart_in_motion_is_a_fault_and_reconfigured_after_it(enabled, far_e
     drive.restart()
     drive.status = AT_REST
     far_end.send(0x704, [0])
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause == "motor_4: restarted"
     wait_until(lambda: drive.operational)
     assert drive.writes
     wait_until(lambda: enabled.master.fault_reset() is None)
-    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    wait_until(lambda: enabled.state is DriverState.DISABLED)
 
 
 def test_a_drive_that_does_not_answer_is_named_and_taken_in_later(config, ports, far_end, wait_until):
@@ -357,7 +357,7 @@ def test_a_drive_that_does_not_answer_is_named_and_taken_in_later(config, ports,
         )
         wait_until(lambda: rig.master.enable() == "motor_5: does not answer")
         far_end.drives[4].answers_sdo = True
-        wait_until(lambda: rig.state is GroupState.DISABLED)
+        wait_until(lambda: rig.state is DriverState.DISABLED)
         assert rig.lines[-1] == "motor_5 (node 5 on main): ready"
     finally:
         rig.master.stop()
@@ -415,7 +415,7 @@ def test_stop_closes_the_brakes_first(enabled, far_end):
 
 
 def test_a_second_driver_does_not_start_and_disturbs_nothing(rig, config, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     other = CanPorts([CanPort("main", can.Bus(interface="virtual", channel=config.buses[0].channel))])
     try:
         second = DriveMaster(config, other, lambda states: None, lambda line: None)
@@ -428,7 +428,7 @@ def test_a_second_driver_does_not_start_and_disturbs_nothing(rig, config, far_en
 
 
 def test_bad_frames_are_counted_named_and_not_used(rig, ports, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     far_end.send(0x181, bytes(7))
     wait_until(lambda: ports["main"].malformed_frames == 1)
     assert ports["main"].last_problem == "frame of COB-ID 0x181: frame of 7 bytes where 8 were expected"
@@ -439,12 +439,12 @@ def test_bad_frames_are_counted_named_and_not_used(rig, ports, far_end, wait_unt
     assert ports["main"].last_problem == "frame of unknown COB-ID 0x1F1"
     far_end.send(0x081, b"\x00")  # an emergency frame cut short
     wait_until(lambda: ports["main"].malformed_frames == 3)
-    assert rig.state is GroupState.DISABLED
+    assert rig.state is DriverState.DISABLED
 
 
 def test_a_drive_that_leaves_nmt_operational_is_a_fault_in_motion(enabled, far_end, wait_until):
     far_end.drives[4].operational = False  # as after 1029h:01 = 0, or an NMT command of somebody else
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     wait_until(lambda: "motor_5 (node 5 on main)" in enabled.master.snapshot().not_configured or True)
     assert enabled.cause.startswith(
         (
@@ -460,22 +460,22 @@ def test_an_interface_that_takes_no_frames_is_named_as_the_cause(enabled, ports,
         raise can.CanOperationError("Network is down", errno.ENETDOWN)
 
     monkeypatch.setattr(ports["main"]._bus, "send", refuse)
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause.startswith("bus main: Network is down")
 
 
 def test_a_drive_that_applies_another_torque_stops_all(enabled, far_end, wait_until):
     drive = far_end.drives[2]
     drive.tpdo = lambda: struct.pack("<Hih", drive.status, drive.counts, 2000)  # thousandths of 5 N m
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause == "motor_3 applies 10.00 N m instead of 1.00 N m"
 
 
 def test_the_torque_is_there_before_the_brake_opens(rig, far_end, wait_until):
     rig.torques = [0.5 * (k + 1) for k in range(8)]
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     wait_until(lambda: rig.master.enable() is None)
-    wait_until(lambda: rig.state is GroupState.ENABLED)
+    wait_until(lambda: rig.state is DriverState.ENABLED)
     for index, drive in enumerate(far_end.drives):
         first = next(torque for word, torque in drive.rpdos if word == 0x0F)
         assert first == (1 if index % 2 == 0 else -1) * 100 * (
@@ -484,17 +484,17 @@ def test_the_torque_is_there_before_the_brake_opens(rig, far_end, wait_until):
 
 
 def test_one_drive_alone(rig, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     wait_until(lambda: rig.master.enable(2) is None)
-    wait_until(lambda: rig.state is GroupState.ENABLED)
+    wait_until(lambda: rig.state is DriverState.ENABLED)
     assert rig.master.snapshot().members == ("motor_3",)
     assert [drive.status for drive in far_end.drives] == [AT_REST] * 2 + [ENABLED] + [AT_REST] * 5
     rig.master.disable(2)
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
 
 
 def test_the_errors_of_a_drive_are_kept_with_text_and_remedy(rig, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     far_end.send(0x081, bytes.fromhex("10 43 09 00 00 00 00 00"))
     wait_until(lambda: rig.master.snapshot().drives[0].errors)
     (error,) = rig.master.snapshot().drives[0].errors
@@ -502,18 +502,18 @@ def test_the_errors_of_a_drive_are_kept_with_text_and_remedy(rig, far_end, wait_
     assert "cool down" in error.remedy
     far_end.send(0x081, bytes.fromhex("00 00 00 00 00 00 00 00"))
     wait_until(lambda: not rig.master.snapshot().drives[0].errors)
-    assert rig.state is GroupState.DISABLED
+    assert rig.state is DriverState.DISABLED
 
 
 def test_the_emergency_stop_input_stops_the_drives(enabled, far_end, wait_until):
     far_end.send(0x384, bytes.fromhex("08 00 00 00"))
-    wait_until(lambda: enabled.state is GroupState.FAULT)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
     assert enabled.cause == "emergency stop: input of motor_4"
     wait_until(lambda: enabled.master.fault_reset() is None)
-    wait_until(lambda: enabled.state is GroupState.NOT_READY)
+    wait_until(lambda: enabled.state is DriverState.NOT_READY)
     assert enabled.master.enable() == "motor_4: its emergency stop input is active"
     far_end.send(0x384, bytes.fromhex("00 00 00 00"))
-    wait_until(lambda: enabled.state is GroupState.DISABLED)
+    wait_until(lambda: enabled.state is DriverState.DISABLED)
 
 
 def test_an_emergency_stop_that_is_active_from_the_start_is_seen(config, ports, far_end, wait_until):
@@ -528,7 +528,7 @@ def test_an_emergency_stop_that_is_active_from_the_start_is_seen(config, ports, 
 
 def test_a_bus_that_fails_is_the_cause(enabled, ports):
     ports["main"].receive_failed(can.CanOperationError("Network is down", errno.ENETDOWN))
-    assert enabled.state is GroupState.FAULT
+    assert enabled.state is DriverState.FAULT
     assert enabled.cause.startswith("bus main: Network is down")
 
 
@@ -600,7 +600,7 @@ def test_the_present_pose_becomes_the_home_pose(config, ports, far_end, tmp_path
     rig = Rig(dataclasses.replace(config, source=str(path)), ports)
     rig.master.start()
     try:
-        wait_until(lambda: rig.state is GroupState.DISABLED)
+        wait_until(lambda: rig.state is DriverState.DISABLED)
         for index, drive in enumerate(far_end.drives):
             drive.counts = 1000 * (index + 1)
         wait_until(lambda: rig.states and rig.states[-1].angles[7] != 0.0)
@@ -612,13 +612,13 @@ def test_the_present_pose_becomes_the_home_pose(config, ports, far_end, tmp_path
         assert [drive.units.home_counts for drive in stored.drives] == [1000 * (k + 1) for k in range(8)]
         wait_until(lambda: rig.master.enable() is None)
         assert rig.master.set_home() == "the drives are enabling: disable them first"
-        wait_until(lambda: rig.state is GroupState.ENABLED)
+        wait_until(lambda: rig.state is DriverState.ENABLED)
     finally:
         rig.master.stop()
 
 
 def test_home_is_not_set_without_the_positions(rig, far_end, wait_until):
-    wait_until(lambda: rig.state is GroupState.DISABLED)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
     far_end.drives[6].answers_sync = False
     wait_until(lambda: rig.master.set_home() == "motor_7 does not report its position")
 
@@ -631,7 +631,7 @@ def test_the_error_of_a_drive_that_was_in_fault_before_is_known(config, ports, f
     rig = Rig(config, ports)
     rig.master.start()
     try:
-        wait_until(lambda: rig.state is GroupState.FAULT)
+        wait_until(lambda: rig.state is DriverState.FAULT)
         wait_until(lambda: rig.master.snapshot().drives[2].errors)
         assert (
             rig.master.snapshot().drives[2].errors[0].text == "incremental sensor 1 fault (error code 0x7305)"

@@ -10,6 +10,7 @@ from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.supervision.checks import FaultKind
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.drives.command_check import CommandFault
+from cspr_msgs_py.parameters.table import TABLE
 
 ROOT = Path(__file__).parents[2]
 DRIVERS = ROOT / "src" / "cspr_drivers" / "cspr_drivers"
@@ -33,6 +34,14 @@ def rows(title):
 def test_every_trajectory_is_described():
     described = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in rows("Trajectories")))
     assert described == [name.value for name in TrajectoryName]
+
+
+def test_the_parameters_of_the_recorder_are_described():
+    described = {name: row[1] for row in rows("Recording") for name in re.findall(r"`(\w+)`", row[0])}
+    for parameter in TABLE["recorder"]:
+        assert parameter.name in DOCUMENT
+        if parameter.default not in ("", [""]):
+            assert re.match(rf"`?{parameter.default}", described[parameter.name].replace("0: never", "0.0"))
 
 
 def test_every_fault_of_the_robot_has_meaning_and_remedy():

@@ -8,10 +8,10 @@ import can
 
 from cspr_drivers.bus.can_bus import open_ports
 from cspr_drivers.config.can_config import BusConfig, CanConfig
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_msgs_py.vocabulary import DriverState
 
 CONFIG = Path(__file__).parents[3] / "config"
 
@@ -35,7 +35,7 @@ def test_a_stopped_drive_is_taken_in_again(noted_plant, wait_until):
         master = DriveMaster(config, ports, lambda states: None, lines.append)
         master.start()
         try:
-            wait_until(lambda: master.states()[0] is GroupState.DISABLED, timeout=30.0)
+            wait_until(lambda: master.states()[0] is DriverState.DISABLED, timeout=30.0)
             before = emulator.drives[2].nmt_state
             somebody.send(can.Message(arbitration_id=0x000, data=[0x02, 3], is_extended_id=False))
             assert any(
@@ -43,7 +43,7 @@ def test_a_stopped_drive_is_taken_in_again(noted_plant, wait_until):
                 for frame in iter(lambda: somebody.recv(30.0), None)
             ), "the driver has not noticed"
             wait_until(lambda: emulator.drives[2].nmt_state is before, timeout=30.0)
-            wait_until(lambda: master.states()[0] is GroupState.DISABLED, timeout=30.0)
+            wait_until(lambda: master.states()[0] is DriverState.DISABLED, timeout=30.0)
         finally:
             master.stop()
             ports.close()

@@ -8,11 +8,11 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from cspr_drivers.commission.found_devices import FoundDevice
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.config.identity import Identity
 from cspr_drivers.errors import ConfigurationError
 
 _FORM = 1  # of the file; another one is not read
@@ -136,19 +136,13 @@ class FindingsFile:
         """
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
+            if not isinstance(content, dict) or content.get("form") != _FORM:
+                raise self._unusable("it has another format")
+            return msgspec.convert(content, Findings, str_keys=True)
         except FileNotFoundError:
             return Findings()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, msgspec.ValidationError) as error:
             raise self._unusable(str(error)) from None
-        if not isinstance(content, dict) or content.get("form") != _FORM:
-            raise self._unusable("it has another format")
-        try:
-            return Findings(
-                {int(k): WinchFindings(**_with_device(v)) for k, v in content["winches"].items()},
-                {int(k): CellFindings(**_with_device(v)) for k, v in content["cells"].items()},
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise self._unusable(f"{type(error).__name__}: {error}") from None
 
     def save(self, findings: Findings) -> None:
         """Keep the findings; the file is whole at any moment."""
@@ -171,9 +165,3 @@ def replace_file(path: Path, text: str) -> None:
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
-
-
-def _with_device(entry: dict[str, Any]) -> dict[str, Any]:
-    device = dict(entry["device"])
-    device["identity"] = Identity(**device["identity"])
-    return {**entry, "device": FoundDevice(**device)}

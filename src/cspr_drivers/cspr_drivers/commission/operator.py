@@ -47,6 +47,26 @@ class Operator(Protocol):
         ...
 
 
+QUESTIONS = (
+    *(
+        "resume",
+        "keep",
+        "supported",
+        "turn",
+        "winch",
+        "way",
+        "mark",
+        "measured",
+        "pull",
+        "again",
+        "cell",
+        "slack",
+    ),
+    *("weights", "hang", "taken-off", "home", "write"),
+)
+"""What a walk asks: the first words of the keys, which a device or a number of a cable may follow after a point."""
+
+
 class FileOperator:
     """Answers from a mapping of keys to answers, in place of a person.
 

@@ -14,13 +14,14 @@ from cspr_drivers.commission.configuration_file import difference, new_text, wri
 from cspr_drivers.commission.findings import Findings, FindingsFile
 from cspr_drivers.commission.found_devices import require_no_driver
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
-from cspr_drivers.commission.operator import FileOperator, Operator, Questions, WalkStoppedError
+from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, Questions, WalkStoppedError
 from cspr_drivers.commission.walk import Machine, Walk
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.config.file_errors import as_configuration_error
 from cspr_drivers.errors import DriverError
-from cspr_kinematics.configuration.structure import structured
+from cspr_kinematics.configuration.structure import structured, unknown_key
 from cspr_kinematics.configuration.yaml_file import read_yaml
+from cspr_kinematics.errors import ConfigurationFileError
 from cspr_kinematics.robot.robot_description import RobotDescription
 from cspr_msgs_py.programs.command_line import program_parser
 
@@ -162,8 +163,13 @@ def _pay_out(robot: Path) -> float:
 
 def _answers(path: Path) -> FileOperator:
     with as_configuration_error():
-        content = read_yaml(path)
-    return FileOperator({str(key): value for key, value in content.items()}, str(path), print)
+        content = {str(key): value for key, value in read_yaml(path).items()}
+        for key, value in content.items():
+            if key.partition(".")[0] not in QUESTIONS:
+                raise ConfigurationFileError(
+                    str(path), key, value, unknown_key(key.partition(".")[0], QUESTIONS)
+                )
+    return FileOperator(content, str(path), print)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -16,12 +16,13 @@ from cspr_drivers.devices.device import OPERATIONAL
 from cspr_drivers.devices.setup import DriveFacts
 from cspr_drivers.drives.command_check import CommandFault
 from cspr_drivers.drives.cycle_watch import CycleWatch
-from cspr_drivers.drives.group import IN_MOTION, DriveGroup, GroupState
+from cspr_drivers.drives.group import IN_MOTION, DriveGroup
 from cspr_drivers.drives.home_position import with_home
 from cspr_drivers.drives.motor_feedback import MotorFeedback
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.drives.torque_frames import Frame, TorqueFrame
 from cspr_drivers.drives.torque_watch import TorqueWatch
+from cspr_msgs_py.vocabulary import DriverState
 
 _LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
 
@@ -80,7 +81,7 @@ class DriveCycle:
         wrong moment, and a speed that is off by half or more. A drive that stays silent stops the robot later.
         """
         if (
-            self.group.state is not GroupState.NOT_READY
+            self.group.state is not DriverState.NOT_READY
             and self.watch.missing
             and now - self._sync_time < _LONGEST_WAIT * self.config.period
         ):
@@ -90,7 +91,7 @@ class DriveCycle:
 
     def sync(self, now: float, stamp_ns: int) -> None:
         """Begin the cycle of a SYNC that goes out now; its stamp in ns of ROS time."""
-        self.watch.sync(counted=self.group.state is GroupState.ENABLED)
+        self.watch.sync(counted=self.group.state is DriverState.ENABLED)
         self._sync_time = now
         self._sync_stamp = stamp_ns
 
@@ -204,7 +205,7 @@ class DriveCycle:
             return []
         rpdo.stamp_ns = stamp_ns
         self.group.commanded(index, now)
-        if self.group.state is GroupState.FAULT:
+        if self.group.state is DriverState.FAULT:
             return []  # the torque stays what it was when the fault came, until the brakes hold
         rpdo.torque = self.config.drives[index].units.per_mille(torque)
         self._torque_watch.told(index, torque)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from enum import Enum
 
 from cspr_drivers.canopen.cia402 import Command, State, Target, decode_state, next_control_word
 from cspr_drivers.canopen.emergency import Emergency, after
@@ -17,20 +16,9 @@ from cspr_drivers.canopen.emergency_codes import is_error
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.transition_watch import TransitionWatch
+from cspr_msgs_py.vocabulary import DriverState
 
-
-class GroupState(Enum):
-    """State of the drives as a whole; the value is the name on topics."""
-
-    NOT_READY = "not_ready"  # a drive is missing or not at rest
-    DISABLED = "disabled"  # all drives at rest, brakes closed
-    ENABLING = "enabling"  # on the way to enabled; brakes open last, and together
-    ENABLED = "enabled"  # brakes open, torque at the shafts, of all drives or of those enabled singly
-    STOPPING = "stopping"  # brakes are closing, under torque
-    FAULT = "fault"  # quick stop, latched until reset
-
-
-IN_MOTION = frozenset({GroupState.ENABLING, GroupState.ENABLED, GroupState.STOPPING})
+IN_MOTION = frozenset({DriverState.ENABLING, DriverState.ENABLED, DriverState.STOPPING})
 
 _SETTLED: dict[Target, frozenset[State]] = {
     Target.AT_REST: frozenset({State.SWITCH_ON_DISABLED, State.FAULT}),
@@ -64,7 +52,7 @@ class DriveGroup:
         self._brake_open = 1 << brake_open_bit
         self._timeouts = timeouts
         self._watch = TransitionWatch(len(names), timeouts)
-        self._state = GroupState.NOT_READY
+        self._state = DriverState.NOT_READY
         self._cause = "drives are not configured yet"
         self._since = 0.0
         self._members: frozenset[int] = frozenset()  # drives that are, or are to be, in operation
@@ -124,7 +112,7 @@ class DriveGroup:
             self._latch(cause, time)
         # A drive that stops by itself may say so before its input does.
         elif (
-            self._state is GroupState.FAULT
+            self._state is DriverState.FAULT
             and time - self._since < self._timeouts.feedback
             and not self._cause.startswith("emergency stop")
         ):
@@ -138,33 +126,33 @@ class DriveGroup:
 
     def enable(self, time: float, index: int | None = None) -> str | None:
         """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
-        if self._state is GroupState.FAULT:
+        if self._state is DriverState.FAULT:
             return f"a fault is latched: {self._cause}; reset it first"
-        if self._state is GroupState.NOT_READY:
+        if self._state is DriverState.NOT_READY:
             return self._cause
         wanted = self._everyone if index is None else frozenset({index})
-        singly = index is not None and self._state is GroupState.ENABLED and index not in self._members
-        if self._state is not GroupState.DISABLED and not singly:
+        singly = index is not None and self._state is DriverState.ENABLED and index not in self._members
+        if self._state is not DriverState.DISABLED and not singly:
             return f"the drives are {self._state.value}"
         members = wanted | (self._members if singly else frozenset())
         if stale := self._without_command(time, members):
             return f"no fresh torque commands for {', '.join(stale)}"
         self._members = members
         self._releasing = False
-        self._enter(GroupState.ENABLING, "", time)
+        self._enter(DriverState.ENABLING, "", time)
         return None
 
     def disable(self, time: float, index: int | None = None) -> None:
         """Begin to close the brakes, of all drives or of one. Without effect unless in motion."""
-        if self._state not in (GroupState.ENABLING, GroupState.ENABLED):
+        if self._state not in (DriverState.ENABLING, DriverState.ENABLED):
             return
         remaining = frozenset() if index is None else self._members - {index}
-        if remaining and self._state is GroupState.ENABLED:
+        if remaining and self._state is DriverState.ENABLED:
             self._members = self._running = remaining
             self._aim()
         elif index is None or index in self._members:
             self._members = self._running = frozenset()
-            self._enter(GroupState.STOPPING, "", time)
+            self._enter(DriverState.STOPPING, "", time)
 
     def quick_stop(self, cause: str, time: float) -> None:
         """Stop all drives at once and latch the cause. The first cause stays."""
@@ -178,7 +166,7 @@ class DriveGroup:
         index
             Drive whose fault is reset; by default that of all, and the latched cause with them.
         """
-        if self._state is not GroupState.FAULT:
+        if self._state is not DriverState.FAULT:
             return None
         concerned = self._everyone if index is None else frozenset({index})
         moving = [
@@ -197,22 +185,22 @@ class DriveGroup:
 
     def step(self, time: float) -> None:
         """Evaluate what was observed, change state, and set the control words. Called once per cycle."""
-        if self._state in (GroupState.NOT_READY, GroupState.DISABLED):
+        if self._state in (DriverState.NOT_READY, DriverState.DISABLED):
             self._rest(time)
-        elif self._state is GroupState.FAULT:
+        elif self._state is DriverState.FAULT:
             self._hold_fault(time)
         elif cause := self._trouble(time):
             self._latch(cause, time)
-        elif self._state is GroupState.ENABLING:
+        elif self._state is DriverState.ENABLING:
             self._release(time)
-        elif self._state is GroupState.STOPPING:
+        elif self._state is DriverState.STOPPING:
             self._close(time)
         self._aim()
-        if self._state is not GroupState.ENABLED or self._members != self._everyone:
+        if self._state is not DriverState.ENABLED or self._members != self._everyone:
             self._watch_transitions(time)
 
     @property
-    def state(self) -> GroupState:
+    def state(self) -> DriverState:
         """State of the group."""
         return self._state
 
@@ -243,7 +231,7 @@ class DriveGroup:
 
     def operates(self, index: int) -> bool:
         """Return whether a drive follows its torque, its brake open."""
-        return self._state is GroupState.ENABLED and index in self._running
+        return self._state is DriverState.ENABLED and index in self._running
 
     def settled(self, index: int) -> bool:
         """Return whether a drive is where it should be, so that its control word need not be repeated."""
@@ -257,11 +245,11 @@ class DriveGroup:
     # Inner working.
 
     def _target(self, index: int) -> Target:
-        if self._state is GroupState.FAULT:
+        if self._state is DriverState.FAULT:
             return Target.FAULT_RESET if index in self._resetting else Target.QUICK_STOP
         if index not in self._members:
             return Target.AT_REST
-        if self._state is GroupState.ENABLING and not self._releasing and index not in self._running:
+        if self._state is DriverState.ENABLING and not self._releasing and index not in self._running:
             return Target.SWITCHED_ON
         return Target.OPERATION_ENABLED
 
@@ -270,17 +258,17 @@ class DriveGroup:
             if drive.state is not None:
                 self._words[index] = next_control_word(drive.state, self._target(index))
 
-    def _enter(self, state: GroupState, cause: str, time: float) -> None:
+    def _enter(self, state: DriverState, cause: str, time: float) -> None:
         self._state = state
         self._cause = cause
         self._since = time
         self._aim()
 
     def _latch(self, cause: str, time: float) -> None:
-        if self._state is not GroupState.FAULT or self._clearing:
+        if self._state is not DriverState.FAULT or self._clearing:
             self._resetting = self._members = self._running = self._not_stopped = frozenset()
             self._clearing = False
-            self._enter(GroupState.FAULT, cause, time)
+            self._enter(DriverState.FAULT, cause, time)
 
     def _silent(self, index: int, time: float) -> bool:
         return time - self._heard[index] > self._timeouts.feedback
@@ -319,9 +307,9 @@ class DriveGroup:
                 reasons.setdefault(reason, []).append(drive.name)
         if reasons:
             cause = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
-            self._enter(GroupState.NOT_READY, cause, time)
-        elif self._state is GroupState.NOT_READY:
-            self._enter(GroupState.DISABLED, "", time)
+            self._enter(DriverState.NOT_READY, cause, time)
+        elif self._state is DriverState.NOT_READY:
+            self._enter(DriverState.DISABLED, "", time)
 
     @staticmethod
     def _restless(drive: DriveStatus, present: bool) -> str:
@@ -369,14 +357,14 @@ class DriveGroup:
         late = [drive.describe() for drive in members if not drive.in_operation]
         if not late:
             self._running = self._members
-            self._enter(GroupState.ENABLED, "", time)
+            self._enter(DriverState.ENABLED, "", time)
         elif time - self._since > self._timeouts.enable:
             self._latch(f"not enabled within {self._timeouts.enable:g} s: {'; '.join(late)}", time)
 
     def _close(self, time: float) -> None:
         late = [d for d in self._drives if d.brake_open or d.state is not State.SWITCH_ON_DISABLED]
         if not late:
-            self._enter(GroupState.DISABLED, "", time)
+            self._enter(DriverState.DISABLED, "", time)
         elif time - self._since > self._timeouts.stop:
             names = "; ".join(drive.describe() for drive in late)
             self._latch(f"brakes not closed within {self._timeouts.stop:g} s: {names}", time)
@@ -393,7 +381,7 @@ class DriveGroup:
         if self._clearing and not late:
             self._clearing = False
             self._resetting = frozenset()
-            self._enter(GroupState.NOT_READY, "", time)
+            self._enter(DriverState.NOT_READY, "", time)
             self._rest(time)
         elif overdue and (self._clearing or self._resetting):
             self._clearing = False
@@ -407,7 +395,7 @@ class DriveGroup:
         if self._state in IN_MOTION:
             index, problem = next(iter(late.items()))
             self._latch(f"{self._drives[index].name}: {problem}", time)
-        elif self._state is GroupState.FAULT and not (self._clearing or self._resetting):
+        elif self._state is DriverState.FAULT and not (self._clearing or self._resetting):
             for index in late.keys() - self._not_stopped:
                 self._not_stopped |= {index}
                 self._cause += f"; {self._drives[index].name}: {late[index]}: assume the load is not held"

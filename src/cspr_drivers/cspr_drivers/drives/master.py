@@ -17,15 +17,15 @@ from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice, NmtCommand
 from cspr_drivers.devices.setup import set_up_drive
-from cspr_drivers.devices.setup_thread import Commissioning
+from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.drives.cycle import DriveCycle
 from cspr_drivers.drives.cycle_clock import CycleClock
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.home_position import store_home
 from cspr_drivers.drives.report import DriveReport, MotorStates
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.torque_frames import Frame
 from cspr_drivers.errors import BusError, ConfigurationError, DeviceError
+from cspr_msgs_py.vocabulary import DriverState
 
 _HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
 
@@ -74,8 +74,8 @@ class DriveMaster:
         self._other_driver = threading.Event()
         self._started = self._stopped = False
         self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
-        self._commissioning = Commissioning(
-            [str(drive) for drive in config.drives], self._configure, self._at_rest, report
+        self._setup = SetupThread(
+            [str(drive) for drive in config.drives], self._configure, self._at_rest, report, self._clock
         )
         self._failures = [(port, partial(self._act, self._cycle.bus_failed, port.name)) for port in ports]
         self._devices = [
@@ -112,7 +112,7 @@ class DriveMaster:
             port.on_failure(failure)
         self._ports.on_sync(self._cycle.sync, self._lock)
         self.cycle_clock.start()
-        self._commissioning.start()
+        self._setup.start()
 
     def come_to_rest(self) -> None:
         """Close the brakes and wait until they hold, no longer than a limit."""
@@ -135,7 +135,7 @@ class DriveMaster:
 
     def _leave_drives(self) -> None:
         self.come_to_rest()
-        self._commissioning.stop()
+        self._setup.stop()
         for device in self._devices:
             try:
                 device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -206,7 +206,7 @@ class DriveMaster:
         """The configuration in use."""
         return self._cycle.config
 
-    def states(self) -> tuple[GroupState, str, tuple[DriveStatus, ...]]:
+    def states(self) -> tuple[DriverState, str, tuple[DriveStatus, ...]]:
         """Return state and cause of the group, and the state of each drive."""
         group = self._cycle.group
         with self._lock:
@@ -225,7 +225,7 @@ class DriveMaster:
                 tuple(device.heartbeat_age(now) for device in self._devices),
                 tuple(device.nmt_state for device in self._devices),
                 tuple(cycle.facts),
-                self._commissioning.problems,
+                self._setup.problems,
                 cycle.watch.statistics(),
                 cycle.rejected,
                 cycle.last_rejection,
@@ -320,4 +320,4 @@ class DriveMaster:
     def _lose(self, index: int, reason: str) -> None:
         with self._lock:
             self._cycle.lost(self._clock.monotonic(), index, reason)
-        self._commissioning.request(index, reason)
+        self._setup.request(index, reason)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from cspr_drivers.devices.setup import DriveFacts
 from cspr_drivers.drives.cycle_watch import CycleStatistics
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.status import DriveStatus
+from cspr_msgs_py.vocabulary import DriverState
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class DriveReport:
         Whether SYNC frames are being sent.
     """
 
-    state: GroupState
+    state: DriverState
     cause: str
     drives: tuple[DriveStatus, ...]
     members: tuple[str, ...]

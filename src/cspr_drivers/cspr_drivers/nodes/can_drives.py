@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
+from itertools import starmap
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -13,7 +14,6 @@ from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.drives.status import DriveStatus
@@ -29,7 +29,8 @@ from cspr_msgs_py.runtime.process import (
     subscribe_raw,
 )
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
-from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.vocabulary import DriverState
+from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 
@@ -56,7 +57,7 @@ class CanDrives(DriverNode):
         self._states = advertise(self, MOTOR_STATES)
         self._drive_states = advertise(self, DRIVE_STATES)
         self._master: DriveMaster | None = None
-        self._published_states: tuple[GroupState, str, tuple[DriveStatus, ...]] | None = None
+        self._published_states: tuple[DriverState, str, tuple[DriveStatus, ...]] | None = None
         self._since_published = 0.0
         for index, name in enumerate(names):
             codec = JointStateCodec((name,), position=False, velocity=False)
@@ -148,18 +149,20 @@ class CanDrives(DriverNode):
         before, self._published_states = self._published_states, states
         self._since_published = 0.0
         stamp = self.get_clock().now().nanoseconds
-        self._drive_states.publish(diagnostic_array(stamp, drive_states(self.master.snapshot())))
+        statuses = drive_states(self.master.snapshot())
+        self._drive_states.publish(diagnostic_array(stamp, starmap(diagnostic_status, statuses)))
         state, cause, _ = states
         if before is None or before[0] is not state:
             self.get_logger().info(f"drives {state.value}" + (f": {cause}" if cause else ""))
 
     def _report(self) -> list[DiagnosticStatus]:
         if self._master is None:
-            return [not_configured(self.get_name())]
-        return [
+            return [diagnostic_status(*not_configured(self.get_name()))]
+        statuses = [
             *drive_diagnostics(self._master.snapshot()),
             *(bus_status("can_drives", p) for p in self.ports),
         ]
+        return [diagnostic_status(*status) for status in statuses]
 
 
 def main() -> int:

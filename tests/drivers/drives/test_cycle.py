@@ -7,8 +7,8 @@ import pytest
 
 from cspr_drivers.devices.setup import DriveFacts
 from cspr_drivers.drives.cycle import DriveCycle
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.errors import FrameError
+from cspr_msgs_py.vocabulary import DriverState
 
 # Status words, IEC 61800-7-201; bit 14 of the shipped drives: brake open.
 AT_REST, READY, SWITCHED_ON, ENABLED, QUICK_STOP = 0x50, 0x31, 0x33, 0x5037, 0x4017
@@ -55,7 +55,7 @@ class Robot:
             self.status = [status] * self.count
         self.turn(1.0)
         self.turn(1.0)
-        assert self.cycle.group.state is GroupState.ENABLED
+        assert self.cycle.group.state is DriverState.ENABLED
 
 
 @pytest.fixture

@@ -10,14 +10,14 @@ import yaml
 from cspr_drivers.bus.bus_load import require_fitting_load
 from cspr_drivers.bus.can_bus import open_ports
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.drives.group import GroupState
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import ConfigurationError
 from cspr_drivers.load_cells.master import LoadCellMaster
+from cspr_msgs_py.vocabulary import DriverState
 
-from .conftest import ScriptedBus, ScriptedCell, ScriptedDrive
+from ..conftest import ScriptedBus, ScriptedCell, ScriptedDrive
 
-SHIPPED = Path(__file__).parents[2] / "config" / "can_two_buses.yaml"
+SHIPPED = Path(__file__).parents[3] / "config" / "can_two_buses.yaml"
 CHANNELS = itertools.count()
 
 
@@ -91,9 +91,9 @@ def test_drives_and_load_cells_of_both_buses_act_as_one_robot(config, far_ends, 
     try:
         drives.start()
         cells.start()
-        wait_until(lambda: drives.snapshot().state is GroupState.DISABLED, 20.0)
+        wait_until(lambda: drives.snapshot().state is DriverState.DISABLED, 20.0)
         wait_until(lambda: drives.enable() is None)
-        wait_until(lambda: drives.snapshot().state is GroupState.ENABLED)
+        wait_until(lambda: drives.snapshot().state is DriverState.ENABLED)
         for end in far_ends.values():
             for drive in end.drives:
                 drive.counts = 131072 if drive.node_id % 2 else -131072
@@ -105,7 +105,7 @@ def test_drives_and_load_cells_of_both_buses_act_as_one_robot(config, far_ends, 
         # A bus that falls silent stops the drives on the other one.
         for drive in far_ends["second"].drives:
             drive.answers_sync = False
-        wait_until(lambda: drives.snapshot().state is GroupState.FAULT, 20.0)
+        wait_until(lambda: drives.snapshot().state is DriverState.FAULT, 20.0)
         wait_until(lambda: all(drive.status == 0x50 for drive in far_ends["first"].drives))
     finally:
         cells.stop()
