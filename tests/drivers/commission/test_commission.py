@@ -32,7 +32,7 @@ from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload
 from cspr_msgs_py.vocabulary import DriverState
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 CHANNELS = itertools.count()
 PAY_OUT = 0.05 / 30.0  # m/rad: drum radius over gear ratio in robot.yaml
 M = 8

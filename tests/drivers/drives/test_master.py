@@ -14,7 +14,7 @@ from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError
 from cspr_msgs_py.vocabulary import DriverState
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 
 # Status words, IEC 61800-7-201.
 FAULT, AT_REST, ENABLED = 0x18, 0x50, 0x5037
