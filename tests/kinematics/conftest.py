@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cspr_kinematics import Acceleration, Pose, Robot, Twist
 
 ROBOT_FILE = Path(__file__).parents[2] / "config" / "robot.yaml"
-COGIRO_FILE = Path(__file__).with_name("cogiro.yaml")
+ROBOTS = Path(__file__).with_name("robot")  # beside the tests of its folder
 
 
 @pytest.fixture(scope="session")
@@ -27,7 +27,7 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="session")
 def cogiro() -> Robot:
-    return Robot.from_yaml(COGIRO_FILE)
+    return Robot.from_yaml(ROBOTS / "cogiro.yaml")
 
 
 @pytest.fixture(scope="session")
@@ -37,12 +37,12 @@ def robot_with_pulleys() -> Robot:
 
 @pytest.fixture(scope="session")
 def six_cables() -> Robot:
-    return Robot.from_yaml(Path(__file__).with_name("six_cables.yaml"))
+    return Robot.from_yaml(ROBOTS / "six_cables.yaml")
 
 
 @pytest.fixture(scope="session")
 def twelve_cables() -> Robot:
-    return Robot.from_yaml(Path(__file__).with_name("twelve_cables.yaml"))
+    return Robot.from_yaml(ROBOTS / "twelve_cables.yaml")
 
 
 @pytest.fixture(params=["robot", "robot_with_pulleys", "cogiro", "six_cables", "twelve_cables"])

@@ -78,9 +78,15 @@ def test_what_depends_on_the_computers_clock_is_stretched():
     assert slow.values("trajectory_publisher")["dwell"] == 1.0  # counts on the machine's clock
     assert slow.values("feedforward")["model"] == "static"
     assert yaml.safe_load(file.text())["supervisor"]["ros__parameters"]["max_age"]["setpoint"] == 0.8
-    file.change("supervisor", {"stuck_time": "long"})
+
+
+def test_a_change_must_fit():
+    file = ParameterFile(TEXT.replace("0.3}", "3e-1}"), "control.yaml")
+    assert file.values("mass_estimator")["time_constant"] == 0.3
     with pytest.raises(ParameterError, match="stuck_time is 'long'"):
-        file.slow_down(0.5)
+        file.change("supervisor", {"stuck_time": "long"})
+    with pytest.raises(ParameterError, match="did you mean stuck_time"):
+        file.change("supervisor", {"stuck_tim": 1.0})
 
 
 @pytest.mark.parametrize(

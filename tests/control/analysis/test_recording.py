@@ -119,7 +119,7 @@ def test_a_bag_without_a_robot(record: Callable[..., Path], tmp_path: Path) -> N
 
 
 def test_a_robot_with_another_number_of_motors(record: Callable[..., Path]) -> None:
-    six = CONFIG.parent / "tests" / "kinematics" / "six_cables.yaml"
+    six = CONFIG.parent / "tests" / "kinematics" / "robot" / "six_cables.yaml"
     with pytest.raises(ControlError, match=r"is of 8 motors, .*six_cables.yaml describes 6"):
         read_recording(record(), six, CONFIG)
 

@@ -4,6 +4,7 @@ A file maps the names of nodes to ``ros__parameters``; the node ``/**`` stands f
 become names with dots. Source: the ROS 2 design article "ROS 2 Parameters", YAML syntax of ``--params-file``.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +14,15 @@ import yaml
 
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.table import ALL_NODES, TABLE, known_parameter, node_parameters, parameter_values
+
+
+class _AsRosReadsIt(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
+    """Also takes 1e-3 for a number, which YAML 1.1 does not for want of a decimal point."""
+
+
+_AsRosReadsIt.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+[eE][-+]?\d+$"), list("-+0123456789")
+)
 
 
 class ParameterFile:
@@ -36,7 +46,7 @@ class ParameterFile:
         self.name = name
         self._nodes: dict[str, dict[str, Any]] = {}
         try:
-            root = yaml.compose(text, yaml.SafeLoader)
+            root = yaml.compose(text, _AsRosReadsIt)
             if not isinstance(root, yaml.MappingNode):
                 raise ParameterError(f"{name} is not a parameter file: it maps no names of nodes")
             self._read_nodes(root, "")
@@ -64,8 +74,10 @@ class ParameterFile:
         return parameter_values(node, self.of(node))
 
     def change(self, node: str, values: Mapping[str, Any]) -> None:
-        """Give parameters of a node, or of all nodes, other values."""
-        self._nodes.setdefault(node, {}).update(values)
+        """Give parameters of a node, or of all nodes, other values; raises ParameterError for what does not fit."""
+        for name, value in values.items():
+            row = known_parameter(node, name)
+            self._nodes.setdefault(node, {})[name] = row.checked(value) if row else value
 
     def slow_down(self, speed: float) -> None:
         """Stretch what depends on the computer's clock for a machine that runs at `speed` of real time."""

@@ -133,3 +133,8 @@ def test_results_cannot_be_written(robot: Robot) -> None:
     for field in dataclasses.fields(cables):
         with pytest.raises(ValueError, match="read-only"):
             getattr(cables, field.name)[0] = 0.0
+
+
+def test_the_wrench_matrix_is_the_negative_transpose(any_robot: Robot) -> None:
+    cables = inverse_kinematics(any_robot, any_robot.home)
+    np.testing.assert_array_equal(cables.jacobian, -cables.wrench_matrix.T)

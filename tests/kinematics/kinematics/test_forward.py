@@ -9,13 +9,16 @@ from hypothesis import strategies as st
 
 from cspr_kinematics import (
     ForwardKinematicsError,
+    ForwardKinematicsStatus,
     InvalidInputError,
     Pose,
     Robot,
+    cable_lengths,
     forward_kinematics,
     inverse_kinematics,
     solve_forward_kinematics,
 )
+from cspr_kinematics.motion.so3 import rotation_from_vector
 
 
 @given(
@@ -118,3 +121,57 @@ def test_limits_are_checked(robot: Robot, limit: dict[str, float]) -> None:
 def test_batches_that_do_not_fit_are_refused(robot: Robot) -> None:
     with pytest.raises(InvalidInputError, match="broadcast"):
         forward_kinematics(robot, np.ones((2, 8)), Pose(np.zeros((3, 3)), np.eye(3)))
+
+
+def test_lengths_that_no_pose_explains(robot_with_pulleys: Robot, rng: np.random.Generator) -> None:
+    lengths = robot_with_pulleys.winch.home_lengths + rng.uniform(-1.0, 1.0, 8)
+    for guess in (None, robot_with_pulleys.home):
+        with pytest.raises(ForwardKinematicsError, match="not solved") as caught:
+            forward_kinematics(robot_with_pulleys, lengths, guess)
+        assert np.abs(caught.value.residual).max() > 0.05
+
+
+def test_a_guess_inside_a_pulley_is_reported(robot_with_pulleys: Robot) -> None:
+    robot = robot_with_pulleys
+    inside = Pose(robot.exit_points[3] + [0.05, 0.0, 0.01] - robot.anchor_points[3], np.eye(3))
+    solution = solve_forward_kinematics(robot, robot.winch.home_lengths, inside)
+    assert solution.status == ForwardKinematicsStatus.BEYOND_PULLEY
+    with pytest.raises(ForwardKinematicsError, match="cannot reach its pulley"):
+        forward_kinematics(robot, robot.winch.home_lengths, inside)
+
+
+def test_no_lengths_give_no_poses(robot: Robot) -> None:
+    for guess in (None, robot.home):
+        assert forward_kinematics(robot, np.zeros((0, 8)), guess).batch_shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["robot", "robot_with_pulleys"])
+def test_iterations_that_the_documentation_states(
+    name: str,
+    request: pytest.FixtureRequest,
+    rng: np.random.Generator,
+    workspace_grid: Callable[[Robot], Pose],
+) -> None:
+    robot: Robot = request.getfixturevalue(name)
+    pose = workspace_grid(robot)
+    lengths = cable_lengths(robot, pose)
+    offset = 0.01 * rng.uniform(-1.0, 1.0, (125, 3)) / np.sqrt(3.0)
+    turn = np.deg2rad(1.0) * rng.uniform(-1.0, 1.0, (125, 3)) / np.sqrt(3.0)
+    near = Pose(pose.position + offset, rotation_from_vector(turn) @ pose.rotation)
+    assert solve_forward_kinematics(robot, lengths, near).iterations <= 3
+    assert solve_forward_kinematics(robot, lengths, robot.home).iterations <= 8
+
+
+def test_batches_without_a_guess_and_on_threads_equal_loops(
+    robot_with_pulleys: Robot, random_pose: Callable[..., Pose]
+) -> None:
+    lengths = cable_lengths(robot_with_pulleys, random_pose(3, 5))
+    found = forward_kinematics(robot_with_pulleys, lengths)
+    many = cable_lengths(robot_with_pulleys, random_pose(450))
+    threaded = solve_forward_kinematics(robot_with_pulleys, many, robot_with_pulleys.home, threads=2)
+    plain = solve_forward_kinematics(robot_with_pulleys, many, robot_with_pulleys.home)
+    np.testing.assert_array_equal(threaded.pose.position, plain.pose.position)
+    np.testing.assert_array_equal(threaded.status, plain.status)
+    for index in np.ndindex(3, 5):
+        single = forward_kinematics(robot_with_pulleys, lengths[index])
+        np.testing.assert_array_equal(single.position, found.position[index])
