@@ -75,7 +75,7 @@ def run_nodes(
     Returns
     -------
     int
-        0 after SIGINT or SIGTERM, 1 after an error, 2 for arguments and parameters that nobody takes.
+        0 after SIGINT or SIGTERM, 1 after an error, 2 for unknown arguments and parameters.
     """
     arguments = list(sys.argv if args is None else args)
     program = os.path.basename(arguments[0]) if arguments else "node"
