@@ -367,7 +367,7 @@ def test_poses_in_several_frames(tmp_path: Path) -> None:
 
 def test_a_reference_that_is_none(tmp_path: Path) -> None:
     directory = write_messages(tmp_path / "bag", MULTI_DOF_TRAJECTORY, [bytes(10)])
-    with Bag(directory) as bag, pytest.raises(BagError, match="a message on /topic is no trajectory_msgs"):
+    with Bag(directory) as bag, pytest.raises(BagError, match="a message on /topic is not a trajectory_msgs"):
         bag.references("/topic")
 
 

@@ -159,7 +159,7 @@ class TestAnotherLayout:
     def test_a_frame_cut_short_is_an_error(self, length: int) -> None:
         data = self.codec.encode(0, [1, 2], [3, 4], [5, 6])[:length]
         assert self.codec.decode(data) is None
-        with pytest.raises(MessageError, match=f"{length} bytes are no sensor_msgs/JointState"):
+        with pytest.raises(MessageError, match=f"{length} bytes are not a sensor_msgs/JointState"):
             decode_joint_state(self.codec, data)
 
     def test_trailing_bytes_are_another_layout(self) -> None:

@@ -120,5 +120,5 @@ def test_missing_accelerations_are_refused(sample: ReferenceSample) -> None:
 
 @pytest.mark.parametrize("length", [0, 4, 60, 200])
 def test_a_frame_cut_short_is_refused(sample: ReferenceSample, length: int) -> None:
-    with pytest.raises(MessageError, match=f"{length} bytes are no trajectory_msgs"):
+    with pytest.raises(MessageError, match=f"{length} bytes are not a trajectory_msgs"):
         decode_reference(CODEC, CODEC.encode(sample)[:length])
