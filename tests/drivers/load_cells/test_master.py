@@ -106,7 +106,7 @@ def test_a_failed_tare_names_the_cell(rig, far_end, wait_until):
     wait_until(lambda: rig.master.tare(1000.0) is None)
     wait_until(lambda: rig.report().tare_result)
     assert rig.report().tare_result.startswith(
-        "taring ended: cable_5 (node 15 on main): refuses 6125h:01 (AI autozero)"
+        "taring failed: cable_5 (node 15 on main): refuses 6125h:01 (AI autozero)"
     )
 
 
@@ -147,7 +147,7 @@ def test_an_answer_lost_while_taring_is_not_asked_for_again(rig, far_end, wait_u
     rig.sync()
     wait_until(lambda: rig.master.tare(1000.0) is None)
     wait_until(lambda: rig.report().tare_result)
-    assert rig.report().tare_result == "taring ended: cable_5 (node 15 on main): does not answer"
+    assert rig.report().tare_result == "taring failed: cable_5 (node 15 on main): does not answer"
     assert [write for write in far_end.cells[4].writes if write[0] == 0x6125] == [(0x6125, 1, b"zero")]
 
 

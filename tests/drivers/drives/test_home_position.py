@@ -7,7 +7,7 @@ from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.home_position import store_home, with_home
 from cspr_drivers.errors import ConfigurationError
 
-SHIPPED = Path(__file__).parents[2] / "config" / "can.yaml"
+SHIPPED = Path(__file__).parents[3] / "config" / "can.yaml"
 COUNTS = [7, -8, 9, 10, -11, 12, 13, 2_000_000]
 
 

@@ -15,7 +15,7 @@ from cspr_drivers.simulation.plant.plant import Plant, PlantError
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Pose, Pulleys, Robot, inverse_kinematics
 
-CONFIG = Path(__file__).parents[3] / "config"
+CONFIG = Path(__file__).parents[4] / "config"
 RADIUS = 0.05
 TILTED_AXES = np.array([[0.1 * (-1) ** i, 0.05 * i, 1.0] for i in range(8)])
 # The last one is above the frame, where the cables are wrapped by less than a right angle.

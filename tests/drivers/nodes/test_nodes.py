@@ -173,7 +173,7 @@ def test_a_torque_that_is_no_number_stops_the_drives(bench, drives, far_end):
     bench.enable()
     bench.torques[5] = math.nan
     bench.until(lambda: bench.state == "fault")
-    assert bench.cause == "motor_6: torque command of nan N m not finite"
+    assert bench.cause == "motor_6: torque command of nan N m is not finite"
     assert all(torque == -200 or not torque for _, torque in far_end.drives[5].rpdos)
 
 

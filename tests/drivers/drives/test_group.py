@@ -409,7 +409,7 @@ def test_a_drive_that_does_not_come_to_rest_after_a_quick_stop_is_named(fault):
         fault.cycle(QUICK_STOP, AT_REST)
     assert fault.group.cause == (
         "a test; motor_1: still in quick_stop_active after 0.5 s: no transition 12 to switch_on_disabled: "
-        "take the load as not held"
+        "assume the load is not held"
     )
 
 

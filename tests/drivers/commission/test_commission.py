@@ -32,7 +32,7 @@ from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload
 from cspr_msgs_py.vocabulary import DriverState
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 CHANNELS = itertools.count()
 PAY_OUT = 0.05 / 30.0  # m/rad: drum radius over gear ratio in robot.yaml
 M = 8
@@ -510,7 +510,7 @@ def test_calibration_is_the_line_of_least_squares():
     [
         ([0.0, 0.1], [0.0, 50.0], "the reading changes by 0.1 N with a load that changes by 490.5 N"),
         ([0.0, 196.2, 300.0], [0.0, 20.0, 40.0], "off the line, more than 1 %"),
-        ([100.0], [50.0], "two different weights at least"),
+        ([100.0], [50.0], "at least two different weights"),
     ],
 )
 def test_a_calibration_that_is_none_is_refused(readings, masses, problem):
@@ -520,5 +520,5 @@ def test_a_calibration_that_is_none_is_refused(readings, masses, problem):
 
 def test_findings_of_another_form_are_not_taken_up(rig):
     rig.path.with_name("can.yaml.commissioning").write_text('{"form": 99}')
-    with pytest.raises(ConfigurationError, match=r"it is of another form; begin anew with --restart"):
+    with pytest.raises(ConfigurationError, match=r"it has another format; start over with --restart"):
         rig.walk()

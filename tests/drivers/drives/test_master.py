@@ -14,7 +14,7 @@ from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError
 from cspr_msgs_py.vocabulary import DriverState
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 
 # Status words, IEC 61800-7-201.
 FAULT, AT_REST, ENABLED = 0x18, 0x50, 0x5037
@@ -252,9 +252,9 @@ def test_a_missing_command_is_a_missed_cycle(enabled, wait_until):
 @pytest.mark.parametrize(
     ("torque", "words"),
     [
-        (math.nan, "motor_2: torque command of nan N m not finite"),
-        (math.inf, "motor_2: torque command of inf N m not finite"),
-        (10.1, "motor_2: torque command of 10.1 N m beyond the torque limit"),
+        (math.nan, "motor_2: torque command of nan N m is not finite"),
+        (math.inf, "motor_2: torque command of inf N m is not finite"),
+        (10.1, "motor_2: torque command of 10.1 N m is beyond the torque limit"),
     ],
 )
 def test_a_bad_torque_stops_the_drives_and_is_not_passed_on(enabled, far_end, wait_until, torque, words):
@@ -277,7 +277,7 @@ def test_a_bad_torque_does_not_latch_while_disabled(rig, wait_until):
 def test_a_stale_command_stops_the_drives(enabled, wait_until):
     enabled.master.command(0, enabled.states[-1].stamp_ns - 400_000_000, 1.0)
     assert enabled.state is DriverState.FAULT
-    assert "motor_1: torque command of 1 N m older than the command timeout" in enabled.cause
+    assert "motor_1: torque command of 1 N m is older than the command timeout" in enabled.cause
 
 
 def test_an_unreadable_command_stops_the_drives(enabled):
@@ -382,7 +382,7 @@ def test_a_drive_that_does_not_answer_is_named_and_taken_in_later(config, ports,
         (
             lambda drive: drive.objects.update({(0x6075, 0): bytes(4)}),
             "motor_1 (node 1 on main): 6075h:00 (motor rated current, mA) is 0: its motor data are not set; "
-            "set them with the maker's program",
+            "set them with the manufacturer's software",
         ),
         (
             lambda drive: drive.objects.update({(0x6502, 0): (0x008).to_bytes(4, "little")}),

@@ -4,7 +4,7 @@ import canopen
 import pytest
 from canopen.objectdictionary import ODVariable
 
-EDS = Path(__file__).parents[3] / "config" / "eds"
+EDS = Path(__file__).parents[4] / "config" / "eds"
 FILES = ("cia402_drive.eds", "cia404_load_cell.eds")
 
 

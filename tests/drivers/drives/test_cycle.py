@@ -108,7 +108,7 @@ def test_a_bad_torque_is_answered_with_a_stop_of_all_drives(enabled):
     assert [frame.cob_id for frame in frames] == [0x201 + index for index in range(8)]
     assert [frame.data[:2] for frame in frames] == [b"\x02\x00"] * 8
     assert frames[1].data == bytes.fromhex("02 00 38 FF")  # the torque that was
-    assert enabled.cycle.group.cause == "motor_2: torque command of nan N m not finite"
+    assert enabled.cycle.group.cause == "motor_2: torque command of nan N m is not finite"
     assert enabled.cycle.command(enabled.now, 1, enabled.stamp, 1.0) == []
 
 

@@ -15,9 +15,9 @@ from cspr_drivers.errors import ConfigurationError
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_msgs_py.vocabulary import DriverState
 
-from .conftest import ScriptedBus, ScriptedCell, ScriptedDrive
+from ..conftest import ScriptedBus, ScriptedCell, ScriptedDrive
 
-SHIPPED = Path(__file__).parents[2] / "config" / "can_two_buses.yaml"
+SHIPPED = Path(__file__).parents[3] / "config" / "can_two_buses.yaml"
 CHANNELS = itertools.count()
 
 

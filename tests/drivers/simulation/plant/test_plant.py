@@ -13,7 +13,7 @@ from cspr_drivers.simulation.plant.plant import Plant, PlantError
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload, Pose, Pulleys, inverse_kinematics
 
-CONFIG = Path(__file__).parents[3] / "config" / "simulation.yaml"
+CONFIG = Path(__file__).parents[4] / "config" / "simulation.yaml"
 GRAVITY = 9.81
 
 

@@ -6,7 +6,7 @@ from cspr_drivers.canopen.frame_table import CONTROL_WORD, TARGET_TORQUE
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import ConfigurationError, DriverError
 
-SHIPPED = Path(__file__).parents[2] / "config" / "can.yaml"
+SHIPPED = Path(__file__).parents[3] / "config" / "can.yaml"
 
 
 def test_the_shipped_configuration():
