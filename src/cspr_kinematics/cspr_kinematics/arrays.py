@@ -54,6 +54,35 @@ def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
     return array
 
 
+def single(name: str, value: ArrayLike, *shape: int) -> FloatArray:
+    """Return `value` as a finite array of exactly this shape, a copy that cannot be written.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not numeric, not finite, or has another shape.
+    """
+    array = checked(name, value, *shape)
+    if array.ndim != len(shape):
+        needed = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+        raise InvalidInputError(name, value, f"shape {array.shape} where ({needed}) is needed")
+    return frozen(array)
+
+
+def for_each_cable(name: str, value: ArrayLike, m: int) -> FloatArray:
+    """Return one number for each of m cables, (m,), from a number for all or m of them; a copy that cannot be written.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not numeric, not finite, or has another shape.
+    """
+    array = checked(name, value)
+    if array.shape not in ((), (m,)):
+        raise InvalidInputError(name, value, f"shape {array.shape} where () or ({m},) is needed")
+    return frozen(np.broadcast_to(array, (m,)))
+
+
 def as_floats(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
     """Return `value` as a float array like `checked`, finite or not, for callers that test it themselves.
 

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import BoolArray, FloatArray, checked, frozen
+from cspr_kinematics.arrays import BoolArray, FloatArray, for_each_cable, frozen
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
 from cspr_kinematics.motion.pose import Pose
@@ -63,14 +63,10 @@ def length_deviations(length_deviation: ArrayLike, m: int) -> FloatArray:
     InvalidInputError
         If they are not positive and finite or have another shape.
     """
-    deviation = checked("length_deviation", length_deviation)
-    if deviation.shape not in ((), (m,)):
-        raise InvalidInputError(
-            "length_deviation", length_deviation, f"shape {deviation.shape} where () or ({m},) is needed"
-        )
+    deviation = for_each_cable("length_deviation", length_deviation, m)
     if deviation.min() <= 0.0:
         raise InvalidInputError("length_deviation", length_deviation, "must be positive")
-    return frozen(np.broadcast_to(deviation, (m,)))
+    return deviation
 
 
 def covariance(jacobian: FloatArray, deviation: FloatArray, wanted: BoolArray) -> FloatArray:

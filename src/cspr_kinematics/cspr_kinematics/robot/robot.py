@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 from cspr_kinematics.arrays import (
     FloatArray,
     ReadOnlyArrays,
-    checked,
-    frozen,
     non_negative_number,
     positive_number,
+    single,
 )
 from cspr_kinematics.configuration.structure import located
 from cspr_kinematics.configuration.yaml_file import read_yaml
@@ -92,7 +91,7 @@ class Robot(ReadOnlyArrays):
         self._set("anchor_points", checked_points("anchor_points", self.anchor_points))
         check_cables(self.exit_points, self.anchor_points)
         for name in ("frame_size", "platform_size", "workspace_min", "workspace_max", "trajectory_center"):
-            self._set(name, _vector(name, getattr(self, name)))
+            self._set(name, single(name, getattr(self, name), 3))
         for name in ("frame_size", "platform_size"):
             if getattr(self, name).min() <= 0.0:
                 raise InvalidInputError(name, getattr(self, name), "every dimension must be positive")
@@ -201,10 +200,3 @@ class Robot(ReadOnlyArrays):
             raise InvalidInputError(
                 "winch", given, f"home_lengths must be the cable lengths at home, {lengths.tolist()}"
             )
-
-
-def _vector(name: str, value: ArrayLike) -> FloatArray:
-    vector = checked(name, value, 3)
-    if vector.ndim != 1:
-        raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
-    return frozen(vector)

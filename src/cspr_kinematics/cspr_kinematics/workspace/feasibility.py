@@ -13,9 +13,9 @@ from cspr_kinematics.arrays import (
     FloatArray,
     ReadOnlyArrays,
     checked,
-    frozen,
     non_negative_number,
     positive_number,
+    single,
 )
 from cspr_kinematics.compiled import in_chunks, kernel_input
 from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
@@ -74,12 +74,10 @@ class Task(ReadOnlyArrays):
             ("linear_acceleration", linear_acceleration),
             ("angular_acceleration", angular_acceleration),
         ):
-            vector = checked(name, value, 3)
-            if vector.ndim != 1:
-                raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
+            vector = single(name, value, 3)
             if name != "center_of_mass" and vector.min() < 0.0:
                 raise InvalidInputError(name, value, "must not be negative; both senses are meant")
-            object.__setattr__(self, name, frozen(vector))
+            object.__setattr__(self, name, vector)
 
 
 @dataclass(frozen=True, eq=False)

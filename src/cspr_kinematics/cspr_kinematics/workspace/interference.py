@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, non_negative_number
+from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, non_negative_number, single
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
@@ -127,12 +127,9 @@ def cable_interference(
         If a value is not finite or has another shape, a size is not positive, the zone negative, or a cable
         has no path at a pose.
     """
-    size = checked("box_size", robot.platform_size if box_size is None else box_size, 3)
+    size = single("box_size", robot.platform_size if box_size is None else box_size, 3)
     middle = 0.5 * (robot.anchor_points.min(axis=0) + robot.anchor_points.max(axis=0))
-    center = checked("box_center", middle if box_center is None else box_center, 3)
-    for name, vector in (("box_size", size), ("box_center", center)):
-        if vector.ndim != 1:
-            raise InvalidInputError(name, vector, f"shape {vector.shape} where (3,) is needed")
+    center = single("box_center", middle if box_center is None else box_center, 3)
     if size.min() <= 0.0:
         raise InvalidInputError("box_size", size, "every dimension must be positive")
     zone = non_negative_number("anchor_zone", anchor_zone)

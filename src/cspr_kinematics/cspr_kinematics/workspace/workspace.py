@@ -21,6 +21,7 @@ from cspr_kinematics.arrays import (
     frozen,
     positive_integer,
     positive_number,
+    single,
 )
 from cspr_kinematics.errors import CableReachError, InvalidInputError
 from cspr_kinematics.motion.pose import Pose
@@ -324,11 +325,8 @@ def _assess(
 def _axes(
     robot: Robot, lower: ArrayLike | None, upper: ArrayLike | None, spacing: float, most: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    low = checked("lower", robot.workspace_min if lower is None else lower, 3)
-    high = checked("upper", robot.workspace_max if upper is None else upper, 3)
-    for name, corner in (("lower", low), ("upper", high)):
-        if corner.ndim != 1:
-            raise InvalidInputError(name, corner, f"shape {corner.shape} where (3,) is needed")
+    low = single("lower", robot.workspace_min if lower is None else lower, 3)
+    high = single("upper", robot.workspace_max if upper is None else upper, 3)
     if np.any(low >= high):
         raise InvalidInputError("lower", low, f"must be below upper = {high.tolist()} in every direction")
     step = positive_number("spacing", spacing)

@@ -15,7 +15,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, positive_number
+from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, for_each_cable, positive_number
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
 from cspr_kinematics.tensions._null_space import RANK_TOLERANCE
@@ -110,13 +110,7 @@ def tension_limits(t_min: ArrayLike, t_max: ArrayLike, m: int) -> tuple[FloatArr
     InvalidInputError
         If a value is not finite, has another shape, or a lower limit is not below its upper one.
     """
-    limits = []
-    for name, value in (("t_min", t_min), ("t_max", t_max)):
-        array = checked(name, value)
-        if array.shape not in ((), (m,)):
-            raise InvalidInputError(name, value, f"shape {array.shape} where () or ({m},) is needed")
-        limits.append(kernel_input(np.broadcast_to(array, (m,)).copy(), m))
-    low, high = limits
+    low, high = for_each_cable("t_min", t_min, m), for_each_cable("t_max", t_max, m)
     if np.any(low >= high):
         raise InvalidInputError("t_min", t_min, f"must be below t_max = {high}")
     return low, high
