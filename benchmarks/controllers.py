@@ -5,43 +5,38 @@ As the demo compares them, but free of what the machine's load does to a live ru
 
 from __future__ import annotations
 
+from dataclasses import replace
 from multiprocessing import Pool
 
 import numpy as np
-from studies.closed_loop import LoopSettings, run, settling_time
+from studies.experiment import BARE, CONTROLLERS
 
+from cspr_control.closed_loop.run import run
+from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
-from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
+from cspr_msgs_py.vocabulary import Controller
 
-NOMINAL = PayloadSource.NOMINAL
+SMOOTH = replace(BARE, trajectory=TrajectoryName.SMOOTH_19)
 CASES = {
-    "pd": LoopSettings(model=FeedforwardModel.NONE),
-    "static": LoopSettings(model=FeedforwardModel.STATIC, payload_source=NOMINAL),
-    "pdff": LoopSettings(payload_source=NOMINAL),
-    "pdff-mass": LoopSettings(),
-    "pdff (exact mass)": LoopSettings(exact_mass=True),
+    **{name: scenario for name, scenario in CONTROLLERS.items() if name != "static (exact mass)"},
     **{
-        f"static, {load:g} kg, none added": LoopSettings(
-            model=FeedforwardModel.STATIC, payload_source=NOMINAL, payload=load, added=0.0
-        )
+        f"static, {load:g} kg, none added": replace(CONTROLLERS["static"], payload=load, added=())
         for load in (0.0, 100.0, 200.0)
     },
-    "pdff-mass on smooth-19": LoopSettings(trajectory=TrajectoryName.SMOOTH_19),
-    "pdff (exact mass) on smooth-19": LoopSettings(trajectory=TrajectoryName.SMOOTH_19, exact_mass=True),
+    "pdff-mass on smooth-19": SMOOTH,
+    "pdff (exact mass) on smooth-19": replace(SMOOTH, controller=Controller.PDFF, exact_mass=True),
     **{
-        f"pdff-mass on smooth-19, pulleys {told}": LoopSettings(
-            trajectory=TrajectoryName.SMOOTH_19, robot=robot, true_pulleys=Pulleys(0.05)
-        )
+        f"pdff-mass on smooth-19, pulleys {told}": replace(SMOOTH, robot=robot, true_pulleys=Pulleys(0.05))
         for told, robot in (("known", "robot_pulleys.yaml"), ("unknown", "robot.yaml"))
     },
 }
 
 
-def _row(name: str, settings: LoopSettings) -> str:
-    record = run(settings)
+def _row(name: str, scenario: Scenario) -> str:
+    record = run(scenario)
     largest = np.degrees(np.abs(record.position_error).max())
-    settled = f"{settling_time(record):.2f} s" if settings.added else "-"
+    settled = f"{record.settling_time:.2f} s" if scenario.added else "-"
     error = record.mass_estimate[-1] - record.mass_true[-1]
     return f"{name:40}{record.rms_deg.mean():>10.2f}{largest:>10.1f}{error:>+12.2f} kg{settled:>10}"
 

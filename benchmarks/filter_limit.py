@@ -7,46 +7,47 @@ the smooth trajectory, the gates and the rate limit of the estimator open, and t
 
 from __future__ import annotations
 
+from dataclasses import replace
 from multiprocessing import Pool
 
 import numpy as np
-from studies.closed_loop import LoopSettings, run, settling_time
+from studies.experiment import BARE
 
+from cspr_control.closed_loop.run import run
 from cspr_control.errors import ControlError
-from cspr_control.estimation.payload import EstimatorSettings
-from cspr_control.motors.motor_control import MotorGains
 from cspr_control.reference.catalogue import TrajectoryName
 
 TIME_CONSTANTS = (0.4, 0.2, 0.1, 0.05, 0.03, 0.01)  # s
 INERTIA_FACTORS = (1.0, 0.1)
 _OPEN_GATES = {
-    "mass_rate_limit": 1e6,
-    "slack_tension": 1e-6,
-    "max_speed": 1e3,
-    "max_angular_speed": 1e3,
-    "max_sideways_ratio": 1e3,
+    "mass_rate_limit": 1e4,
+    "slack_tension": 0.1,
+    "max_speed": 100.0,
+    "max_angular_speed": 100.0,
+    "max_sideways_ratio": 10.0,
 }
 
 
 def _row(factor: float, time_constant: float) -> str:
     # the derivative gain must suit the inertia: Kd < 2 J / T
-    gains = MotorGains(kp=2.0, kd=0.1 if factor == 1.0 else 0.03)
-    settings = LoopSettings(
-        gains=gains,
+    gains = {"kd": 0.1 if factor == 1.0 else 0.03}
+    estimator = {"time_constant": time_constant, **_OPEN_GATES}
+    scenario = replace(
+        BARE,
         motor_inertia_factor=factor,
         trajectory=TrajectoryName.SMOOTH_19,
-        estimator=EstimatorSettings(time_constant=time_constant, **_OPEN_GATES),
+        parameters={"motor_control_gains": gains, "mass_estimator": estimator},
     )
     row = f"{factor:>8g} {time_constant:>10g}"
     try:
-        record = run(settings)
+        record = run(scenario)
     except ControlError as error:
         return f"{row}   unstable: {error}"
     late = record.mass_estimate[(record.time > 7.0) & (record.time < 9.5)]
     final = record.mass_true[-1]
     overshoot = record.mass_estimate.max() - final
     state = "unstable" if np.std(late) > 0.02 * final else "stable"
-    return f"{row} {settling_time(record):>10.2f} {overshoot:>12.1f} {np.std(late):>12.2f}   {state}"
+    return f"{row} {record.settling_time:>10.2f} {overshoot:>12.1f} {np.std(late):>12.2f}   {state}"
 
 
 def main() -> None:

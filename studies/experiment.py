@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
 
+from cspr_control.closed_loop.record import LoopRecord
+from cspr_control.closed_loop.run import run
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.demo.scenario import AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
-from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
-from studies.closed_loop import LoopRecord, LoopSettings, run, settling_time
+from cspr_msgs_py.vocabulary import Controller
 
 LOADS = (0.0, 100.0, 200.0)  # kg
 TRAJECTORIES = (TrajectoryName.PAPER_19, TrajectoryName.SMOOTH_19)
-NOMINAL = PayloadSource.NOMINAL
+CONFIG = Path(__file__).parents[1] / "config"
+# The plant alone; the trajectory begins in the middle of a control cycle, as it does on the average.
+BARE = Scenario(config=CONFIG, devices=False, phase=0.002)
 CONTROLLERS = {  # by their names in the demo
-    "pd": LoopSettings(model=FeedforwardModel.NONE, payload_source=NOMINAL),
-    "static": LoopSettings(model=FeedforwardModel.STATIC, payload_source=NOMINAL),
-    "pdff": LoopSettings(payload_source=NOMINAL),
-    "pdff-mass": LoopSettings(),
-    "pdff (exact mass)": LoopSettings(exact_mass=True),
-    "static (exact mass)": LoopSettings(model=FeedforwardModel.STATIC, exact_mass=True),
+    **{controller.value: replace(BARE, controller=controller) for controller in Controller},
+    "pdff (exact mass)": replace(BARE, controller=Controller.PDFF, exact_mass=True),
+    "static (exact mass)": replace(BARE, controller=Controller.STATIC, exact_mass=True),
 }
 COMPARED = tuple(CONTROLLERS)[:5]  # those of the paper; the last one tells the model's share from the mass's
 CHANGING = tuple(CONTROLLERS)[1:5]
@@ -39,17 +41,11 @@ class Case:
     added: float = 0.0
 
     @property
-    def settings(self) -> LoopSettings:
+    def scenario(self) -> Scenario:
         """The run as the closed loop takes it."""
+        added = (AddedPayload(self.added, 3.0),) if self.added else ()
         chosen = CONTROLLERS[self.controller]
-        return LoopSettings(
-            model=chosen.model,
-            payload_source=chosen.payload_source,
-            exact_mass=chosen.exact_mass,
-            trajectory=self.trajectory,
-            payload=self.load,
-            added=self.added,
-        )
+        return replace(chosen, trajectory=self.trajectory, payload=self.load, added=added)
 
     def __str__(self) -> str:
         """Name the case."""
@@ -75,7 +71,7 @@ def run_cases(
 
 
 def _run(case: Case, config: Path) -> LoopRecord:
-    return run(case.settings, config)
+    return run(replace(case.scenario, config=config))
 
 
 @dataclass(frozen=True)
@@ -108,8 +104,8 @@ def outcome(record: LoopRecord, torque_limit: float) -> Outcome:
         max_deg=tuple(record.max_deg.tolist()),
         rms_speed=rms(record.velocity_error),
         tension_rms=rms(record.tensions - record.asked_tensions),
-        saturated=float((np.abs(record.torque) >= torque_limit).mean()),
+        saturated=float((np.abs(np.nan_to_num(record.torque)) >= torque_limit).mean()),
         mass_error=float(record.mass_estimate[-1] - record.mass_true[-1]),
-        settling_time=settling_time(record),
+        settling_time=record.settling_time,
         faster_than_real_time=record.simulated / record.elapsed,
     )

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.closed_loop.run import run
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import SIMULATED_PAYLOAD
-from studies.closed_loop import CONFIG, LoopSettings, run, settling_time
 from studies.experiment import CONTROLLERS
 
 MEAN_TOLERANCE = 0.07  # of the mean RMS error
@@ -27,7 +29,7 @@ class LiveRun:
     """What a directory of the demo says of its run."""
 
     directory: Path
-    settings: LoopSettings
+    scenario: Scenario
     name: str
     rms_deg: NDArray[np.float64]  # (m,)
     mass_estimate: float  # kg, at the end
@@ -68,21 +70,22 @@ class LiveRun:
         masses = truth.mass[told <= references.time_ns[moving[-1]]]
         changes = np.flatnonzero(np.abs(np.diff(masses)) > 1e-6)
         added_at = (told[changes[-1] + 1] - start) * 1e-9 if changes.size else 0.0
-        settings = replace(
+        added = float(masses[-1] - masses[0])
+        period = float(np.median(np.diff(references.time_ns))) * 1e-9
+        scenario = replace(
             chosen,
+            config=directory / "config",
             trajectory=trajectory,
             payload=float(masses[0]),
-            added=float(masses[-1] - masses[0]),
-            added_at=round(float(added_at), 1),  # the truth is told 50 times a second
+            # the truth is told 50 times a second
+            added=(AddedPayload(added, round(float(added_at), 1)),) if changes.size else (),
             latency=latency,
-            phase=phase % chosen.period,
-            estimator_cycles=max(
-                1, round(chosen.estimator_cycles * pace)
-            ),  # the estimator keeps the computer's time
+            phase=phase % period,
+            speed=pace if abs(pace - 1.0) > 0.02 else 1.0,
         )
         return LiveRun(
             directory,
-            settings,
+            scenario,
             name,
             np.array(summary["rms_position_error_deg"]),
             summary["mass_estimate_final_kg"],
@@ -137,10 +140,6 @@ class Agreement:
 
 
 def agreement(live: LiveRun) -> Agreement:
-    """Run the case of a live run without ROS, with the configuration of that run.
-
-    A run at less than full speed has its times scaled in its configuration; here they are as shipped.
-    """
-    full_speed = abs(live.pace - 1.0) < 0.02
-    record = run(live.settings, live.directory / "config" if full_speed else CONFIG)
-    return Agreement(live, record.rms_deg, float(record.mass_estimate[-1]), settling_time(record))
+    """Run the case of a live run without ROS, with the configuration of that run."""
+    record = run(live.scenario)
+    return Agreement(live, record.rms_deg, float(record.mass_estimate[-1]), record.settling_time)

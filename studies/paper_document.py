@@ -272,12 +272,12 @@ def agreement_block(agreement: Agreement) -> dict[str, str]:
             f"{tolerance.SETTLING_TOLERANCE:g}",
         ),
     ]
-    case = live.settings
+    case = live.scenario
+    more = "".join(f" and {added.mass:g} kg more at {added.time:g} s" for added in case.added)
     text = (
-        f"`{live.name}` on {case.trajectory.value}, {case.payload:g} kg aboard and {case.added:g} kg more at "
-        f"{case.added_at:g} s; the first set-point came {case.phase * 1e3:.1f} ms after the start, torques "
-        f"{case.latency * 1e3:.1f} ms after the states (median), {live.missed:.1%} of the control cycles were "
-        "missed.\n\n"
+        f"`{live.name}` on {case.trajectory.value}, {case.payload:g} kg aboard{more}; the first set-point came "
+        f"{(case.phase or 0.0) * 1e3:.1f} ms after the start, torques {case.reaction_time * 1e3:.1f} ms "
+        f"after the states (median), {live.missed:.1%} of the control cycles were missed.\n\n"
     )
     table = _table(("", "live", "without ROS", "difference", "tolerance"), rows)
     verdict = (

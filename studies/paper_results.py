@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_18, paper_19, paper_19_tilt
 from cspr_kinematics import Robot
-from studies.closed_loop import LoopRecord
 from studies.experiment import Case, Outcome, outcome
 from studies.tension_deviation import (
     ADDED_AT,

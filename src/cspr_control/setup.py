@@ -13,7 +13,10 @@ NODES = (
     "robot_markers",
     "control",
 )
-PROGRAMS = [f"{name} = {PACKAGE}.programs.{name}:main" for name in ("demo", "workspace", "analyze", "rerun")]
+PROGRAMS = [
+    f"{name} = {PACKAGE}.programs.{name}:main"
+    for name in ("demo", "closed_loop", "analyze", "rerun", "workspace", "faults")
+]
 
 setup(
     name=PACKAGE,
@@ -30,6 +33,7 @@ setup(
         "scipy",
         "pyyaml",
         "matplotlib",
+        "cspr_drivers",
         "cspr_kinematics",
         "cspr_msgs_py",
     ],

@@ -3,12 +3,16 @@
 In simulated time, so that it says what the buses can do and nothing about this computer.
 """
 
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("mujoco")
 
-from benchmarks.stepped_graph import SteppedGraph
+from cspr_control.closed_loop.run import closed_loop
+from cspr_control.closed_loop.scenario import Scenario
 
+CONFIG = Path(__file__).parents[2] / "config"
 SECONDS = 1.0
 
 
@@ -17,14 +21,23 @@ SECONDS = 1.0
     [("can.yaml", 250.0, 0.0025), ("can_two_buses.yaml", 500.0, 0.0006)],
 )
 def test_every_cycle_has_all_answers_and_all_torques(file, rate, conversion_time):
-    graph = SteppedGraph(200.0, file, conversion_time)
+    scenario = Scenario(
+        payload=200.0,
+        config=CONFIG,
+        buses=file,
+        conversion_time=conversion_time,
+        parameters={"/**": {"control_rate": rate}},
+    )
+    loop = closed_loop(scenario)
+    robot, now = loop.machine, loop.time.monotonic
     try:
-        assert graph.robot.config.rate == rate
-        graph.enable()
-        before = graph.robot.drives.snapshot().statistics
-        cells = graph.robot.load_cells.snapshot(graph.robot.now).statistics
-        graph.robot.wait(SECONDS)
-        after = graph.robot.drives.snapshot().statistics
+        assert robot.config.rate == rate
+        loop.begin()
+        loop.enable()
+        before = robot.drives.snapshot().statistics
+        cells = robot.load_cells.snapshot(now()).statistics
+        loop.time.wait(SECONDS)
+        after = robot.drives.snapshot().statistics
         assert after.cycles - before.cycles == pytest.approx(rate * SECONDS, abs=1)
         for count in (
             "missed_cycles",
@@ -35,8 +48,8 @@ def test_every_cycle_has_all_answers_and_all_torques(file, rate, conversion_time
         ):
             assert getattr(after, count) == getattr(before, count), count
         assert all(drive.missing == drive.late == 0 for drive in after.answers)
-        measured = graph.robot.load_cells.snapshot(graph.robot.now).statistics
+        measured = robot.load_cells.snapshot(now()).statistics
         assert measured.cycles - cells.cycles == pytest.approx(rate * SECONDS, abs=1)
         assert measured.incomplete_cycles == cells.incomplete_cycles
     finally:
-        graph.close()
+        robot.close()

@@ -10,8 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from benchmarks.faults import LARGEST_DROP, PAYLOAD, SCENARIOS, run
-from benchmarks.stepped_graph import SteppedGraph
+from cspr_control.closed_loop.fault_scenarios import LARGEST_DROP, SCENARIOS, Bench
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,44 +18,19 @@ ROOT = Path(__file__).parents[2]
 LARGEST_JUMP = 0.005
 
 
-class Bench:
-    """A robot that is enabled; a new one after a test that failed."""
-
-    def __init__(self):
-        self.graph = None
-
-    def enabled(self):
-        if self.graph is None:
-            self.graph = SteppedGraph(PAYLOAD)
-            self.graph.enable()
-            self.graph.robot.wait(0.5)
-        return self.graph
-
-    def discard(self):
-        if self.graph is not None:
-            self.graph.close()
-            self.graph = None
-
-
 @pytest.fixture(scope="module")
 def bench():
-    bench = Bench()
+    bench = Bench(ROOT / "config")
     yield bench
-    bench.discard()
+    bench.close()
 
 
 def check(bench, scenario, moving):
-    graph = bench.enabled()
-    try:
-        outcome = run(graph, scenario, moving)
-        assert outcome.drop <= LARGEST_DROP
-        assert outcome.jump < LARGEST_JUMP
-        if outcome.controlled and not scenario.harms_tension:
-            assert outcome.lowest_tension > graph.model.tension_min
-    except BaseException:
-        bench.discard()
-        raise
-    return outcome
+    outcome = bench.outcome(scenario, moving)
+    assert outcome.drop <= LARGEST_DROP
+    assert outcome.jump < LARGEST_JUMP
+    if outcome.controlled and not scenario.harms_tension:
+        assert outcome.lowest_tension > bench.robot.tension_min
 
 
 def named(scenario):
@@ -74,7 +48,7 @@ def test_fault_in_motion_ends_in_the_same_way(bench, scenario):
 
 
 def test_every_fault_is_in_the_document_with_what_it_costs():
-    """The rows of docs/operation.md are what `make bench ARGS=faults` prints."""
+    """The rows of docs/operation.md are what `cspr faults` prints."""
     document = (ROOT / "docs" / "operation.md").read_text(encoding="utf-8")
     section = document.split("## What each fault does\n")[1].split("\n### ")[0]
     rows = [

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from studies.closed_loop import LoopRecord, LoopSettings, run
 
-from cspr_control.motors.motor_control import MotorGains
+from cspr_control.closed_loop.record import LoopRecord
+from cspr_control.closed_loop.run import run
+from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
+
+CONFIG = Path(__file__).parents[2] / "config"
 
 
 def record(robot: str) -> LoopRecord:
     return run(
-        LoopSettings(
-            gains=MotorGains(kp=2.0, kd=0.1),  # as in config/control.yaml
+        Scenario(
+            config=CONFIG,
+            devices=False,
             trajectory=TrajectoryName.SMOOTH_19,
             robot=robot,
             true_pulleys=Pulleys(0.05),

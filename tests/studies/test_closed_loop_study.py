@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.closed_loop import LoopSettings, run
 from studies.experiment import CONTROLLERS, Case, all_cases, outcome
 from studies.live_agreement import Agreement, LiveRun
 
+from cspr_control.closed_loop.run import run
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_19
@@ -27,12 +29,12 @@ START = 1_700_000_000_000_000_000
 
 def test_a_case_gives_what_the_document_says():
     case = Case("pdff-mass", TrajectoryName.SMOOTH_19, 200.0)
-    record = run(case.settings)
+    record = run(case.scenario)
     document = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     row = re.search(r"\| smooth-19 \| PDFF \+ mass \|.*\| ([\d.]+) \([^|]*\|\n", document)
     # other releases of MuJoCo and numpy round otherwise
     assert record.rms_deg.mean() == pytest.approx(float(row[1]), rel=0.03)
-    assert record.time[0] == pytest.approx(case.settings.phase)
+    assert record.time[0] == pytest.approx(case.scenario.phase)
     assert record.time[-1] == pytest.approx(12.0, abs=0.01)
     assert record.mass_estimate[-1] == pytest.approx(200.0, abs=2.0)
     # eight cables carry the load; what the feed-forward asked for is near
@@ -88,15 +90,15 @@ def live(tmp_path):
 
 def test_a_live_run_tells_its_case(live):
     one = LiveRun.read(live())
-    settings = one.settings
+    scenario = one.scenario
     assert one.name == "pdff (exact mass)"
-    assert settings.exact_mass
-    assert (settings.payload, settings.added, settings.added_at) == (100.0, 50.0, 4.0)
-    assert settings.phase == pytest.approx(0.0013, abs=1e-6)
-    assert settings.latency == pytest.approx(0.0014)
+    assert scenario.exact_mass
+    assert (scenario.payload, scenario.added) == (100.0, (AddedPayload(50.0, 4.0),))
+    assert scenario.phase == pytest.approx(0.0013, abs=1e-6)
+    assert scenario.latency == pytest.approx(0.0014)
     assert one.missed == 0.02
     assert one.pace == pytest.approx(1.0)
-    assert settings.estimator_cycles == 5
+    assert scenario.speed == 1.0
 
 
 def test_agreement_is_judged_number_by_number(live):
@@ -118,11 +120,11 @@ def test_what_is_no_run_of_the_demo_is_said(tmp_path):
 def test_a_slow_run_is_read_on_the_machine_s_clock(live):
     one = LiveRun.read(live(pace=0.4))
     assert one.pace == pytest.approx(0.4)
-    assert (one.settings.payload, one.settings.added, one.settings.added_at) == (100.0, 50.0, 4.0)
-    assert one.settings.estimator_cycles == 2
+    assert (one.scenario.payload, one.scenario.added) == (100.0, (AddedPayload(50.0, 4.0),))
+    assert one.scenario.speed == pytest.approx(0.4)
 
 
 def test_the_default_is_that_of_the_demo():
-    settings = LoopSettings()
-    assert (settings.payload, settings.added, settings.added_at) == (100.0, 100.0, 3.0)
-    assert settings.trajectory is TrajectoryName.PAPER_19
+    scenario = Scenario()
+    assert (scenario.payload, scenario.added) == (100.0, (AddedPayload(100.0, 3.0),))
+    assert scenario.trajectory is TrajectoryName.PAPER_19

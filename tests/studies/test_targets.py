@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies.closed_loop import run, settling_time
 from studies.experiment import CONTROLLERS
+
+from cspr_control.closed_loop.run import run
 
 
 @pytest.fixture(scope="module")
@@ -22,12 +23,12 @@ def test_the_estimated_mass_is_as_good_as_the_exact_one(runs):
 def test_the_estimate_finds_the_mass_and_stays_with_it(runs):
     record = runs["pdff-mass"]
     assert record.mass_estimate[-1] == pytest.approx(200.0, rel=0.01)
-    assert settling_time(record) <= 3.0
+    assert record.settling_time <= 3.0
 
 
 def test_the_error_of_the_static_model_grows_with_the_payload():
     static = CONTROLLERS["static"]
     errors = [
-        run(replace(static, payload=payload, added=0.0)).rms_deg.mean() for payload in (0.0, 100.0, 200.0)
+        run(replace(static, payload=payload, added=())).rms_deg.mean() for payload in (0.0, 100.0, 200.0)
     ]
     assert np.diff(errors).min() > 2.0  # degrees

@@ -6,7 +6,23 @@ and the plant then take longer by the same factor, and a slow computer keeps up.
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Callable
+from queue import Queue, SimpleQueue
+from typing import Any, Protocol
+
+
+class Thread(Protocol):
+    """What can be done with a thread that was started."""
+
+    def is_alive(self) -> bool:
+        """Return whether it has not come to its end."""
+        ...
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait until it has, up to a time, s."""
+        ...
 
 
 class Clock:
@@ -27,6 +43,16 @@ class Clock:
     def sleep(self, duration: float) -> None:
         """Wait for a time, s."""
         time.sleep(duration)
+
+    def take(self, queue: Queue[Any] | SimpleQueue[Any], timeout: float | None = None) -> Any:
+        """Return what comes next in a queue, waiting for it up to a time, s; raises `queue.Empty` after it."""
+        return queue.get(timeout=None if timeout is None else self.on_computer(timeout))
+
+    def start(self, target: Callable[[], None], name: str) -> Thread:
+        """Run a function in a thread, in which it waits by this clock's `sleep` and `take` alone."""
+        thread = threading.Thread(target=target, name=name, daemon=True)
+        thread.start()
+        return thread
 
     def of_computer(self, stamp: float) -> float:
         """Return this clock's time of day, s, at a time of day of the computer, such as the kernel gives to frames."""

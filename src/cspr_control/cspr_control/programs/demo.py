@@ -30,6 +30,7 @@ from cspr_control.demo.scenario import (
 )
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+from cspr_control.programs.arguments import added_payload, mass
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import program_parser
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
@@ -152,13 +153,13 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     )  # fmt: skip
     parser.add_argument(
         "--payload",
-        type=_mass,
+        type=mass,
         default=100.0,
         metavar="KG",
         help="aboard from the start; default: %(default)s",
     )
     parser.add_argument(
-        "--add-payload", type=_added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
+        "--add-payload", type=added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
         help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3, or none; "
         "default: 100@3",
     )  # fmt: skip
@@ -198,16 +199,6 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     return options
 
 
-def _mass(text: str) -> float:
-    try:
-        mass = float(text)
-    except ValueError:
-        mass = math.nan
-    if not (math.isfinite(mass) and mass >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a mass in kg of at least 0")
-    return mass
-
-
 def _speed(text: str) -> float:
     try:
         speed = float(text)
@@ -216,19 +207,6 @@ def _speed(text: str) -> float:
     if not 0.1 <= speed <= 1.0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0.1 to 1")
     return speed
-
-
-def _added_payload(text: str) -> AddedPayload | None:
-    if text == "none":
-        return None
-    mass, separator, moment = text.partition("@")
-    try:
-        change = AddedPayload(float(mass), float(moment))
-    except ValueError:
-        separator = ""
-    if not separator or not math.isfinite(change.mass) or not 0.0 <= change.time < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form KG@S, such as 100@3, or none")
-    return change
 
 
 def _realtime_problem() -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from enum import Enum
+from queue import Empty
 from typing import TypeVar
 
 import can
@@ -11,6 +12,7 @@ import canopen
 
 from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.canopen.object_entry import Parameter, Setting
+from cspr_drivers.clock import Clock
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 
@@ -35,6 +37,24 @@ class NmtCommand(Enum):
 
     START = "OPERATIONAL"
     ENTER_PRE_OPERATIONAL = "PRE-OPERATIONAL"
+
+
+class _SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # canopen's classes count as untyped
+    """An SDO client that waits for answers by the clock of the machine."""
+
+    def __init__(self, node_id: int, clock: Clock, timeout: float) -> None:
+        super().__init__(0x600 + node_id, 0x580 + node_id, canopen.ObjectDictionary())
+        self._clock = clock
+        self._timeout = timeout
+
+    def read_response(self) -> bytes:
+        """Return the answer to a request, as canopen's own client does."""
+        try:
+            answer = self._clock.take(self.responses, self._timeout)
+        except Empty:
+            raise canopen.SdoCommunicationError("no answer") from None
+        self.responses.put(answer)
+        return bytes(super().read_response())
 
 
 class CanopenDevice:
@@ -78,9 +98,10 @@ class CanopenDevice:
         self._sdo_timeout = sdo_timeout
         # Objects are addressed by index, so the master needs no object dictionary of the device.
         self._node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())
+        self._node.sdo = _SdoClient(node_id, port.clock, sdo_timeout)
+        self._node.sdo_channels[:] = [self._node.sdo]
         self._network = port.network
         self._network.add_node(self._node)
-        self._node.sdo.RESPONSE_TIMEOUT = self.clock.on_computer(sdo_timeout)
         self._node.nmt.add_heartbeat_callback(self._heard)
         self._on_emergency = on_emergency
         self._node.emcy.add_callback(self._emergency)

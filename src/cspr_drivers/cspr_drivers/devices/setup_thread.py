@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 
+from cspr_drivers.clock import COMPUTER, Clock, Thread
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 
 RETRY_INTERVAL = 1.0  # s
@@ -26,6 +29,8 @@ class Commissioning:
         Whether devices may be configured now.
     report
         Told, in one line, of each device that fails (once a cause) and of each that is ready.
+    clock
+        Clock of the machine.
     """
 
     def __init__(
@@ -34,29 +39,31 @@ class Commissioning:
         configure: Callable[[int], None],
         allowed: Callable[[], bool],
         report: Callable[[str], None],
+        clock: Clock = COMPUTER,
     ) -> None:
         self._names = tuple(names)
         self._configure = configure
         self._allowed = allowed
         self._report = report
+        self._clock = clock
         self._lock = threading.Lock()
         self._problems: dict[int, str] = dict.fromkeys(range(len(self._names)), "not configured yet")
         self._requests = [0] * len(self._names)
         self._wrong: set[int] = set()
         self._reported: dict[int, str] = {}
-        self._wake = threading.Event()
+        self._wake: SimpleQueue[None] = SimpleQueue()
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="commissioning", daemon=True)
+        self._thread: Thread | None = None
 
     def start(self) -> None:
         """Begin with all devices."""
-        self._thread.start()
+        self._thread = self._clock.start(self._run, "commissioning")
 
     def stop(self) -> None:
         """End; returns when the device at hand is done with."""
         self._stopping.set()
-        self._wake.set()
-        if self._thread.is_alive():
+        self._wake.put(None)
+        if self._thread is not None and self._thread.is_alive():
             self._thread.join(timeout=2.0)
 
     def request(self, index: int, reason: str) -> None:
@@ -65,7 +72,7 @@ class Commissioning:
             self._problems[index] = reason
             self._requests[index] += 1
             self._wrong.discard(index)
-        self._wake.set()
+        self._wake.put(None)
 
     @property
     def problems(self) -> dict[str, str]:
@@ -75,7 +82,8 @@ class Commissioning:
 
     def _run(self) -> None:
         while not self._stopping.is_set():
-            self._wake.clear()
+            while not self._wake.empty():
+                self._wake.get_nowait()
             with self._lock:
                 waiting = sorted(self._problems.keys() - self._wrong)
             for index in waiting:
@@ -83,7 +91,8 @@ class Commissioning:
                     return
                 if self._allowed():
                     self._attempt(index)
-            self._wake.wait(RETRY_INTERVAL if waiting else None)
+            with suppress(Empty):
+                self._clock.take(self._wake, RETRY_INTERVAL if waiting else None)
 
     def _attempt(self, index: int) -> None:
         with self._lock:

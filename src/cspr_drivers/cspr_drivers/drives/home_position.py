@@ -55,10 +55,10 @@ def _replaced(text: str, config: CanConfig, counts: Sequence[int]) -> str:
     values = iter(counts)
     try:
         new = _ENTRY.sub(lambda found: f"{found['before']}{next(values)}", text)
-        stored = CanConfig.from_text(new, config.source).drives
+        stored = [(e.node_id, e.units.home_counts) for e in CanConfig.from_text(new, config.source).drives]
     except (StopIteration, RuntimeError, ConfigurationError):
-        stored = ()
-    if stored != with_home(config, counts).drives:
+        stored = []
+    if stored != [(drive.node_id, value) for drive, value in zip(config.drives, counts, strict=True)]:
         raise ConfigurationError(
             f"{config.source}: home_counts: has changed since it was read, or holds them in another way than one "
             "number a drive: write " + ", ".join(map(str, counts)) + " there by hand"

@@ -75,7 +75,7 @@ class DriveMaster:
         self._started = self._stopped = False
         self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
         self._commissioning = Commissioning(
-            [str(drive) for drive in config.drives], self._configure, self._at_rest, report
+            [str(drive) for drive in config.drives], self._configure, self._at_rest, report, self._clock
         )
         self._failures = [(port, partial(self._act, self._cycle.bus_failed, port.name)) for port in ports]
         self._devices = [

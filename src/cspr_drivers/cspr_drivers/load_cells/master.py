@@ -10,6 +10,7 @@ from functools import partial
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
+from cspr_drivers.clock import Thread
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice, NmtCommand
 from cspr_drivers.devices.settings import load_cell_tare
@@ -81,9 +82,9 @@ class LoadCellMaster:
         self._cycle = LoadCellCycle(config)
         self._tare_result = ""
         self._stopped = False
-        self._taring: threading.Thread | None = None
+        self._taring: Thread | None = None
         self._commissioning = Commissioning(
-            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report
+            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, ports.clock
         )
         self._devices = [
             CanopenDevice(
@@ -139,8 +140,7 @@ class LoadCellMaster:
         if refusal is None and self._taring is not None and self._taring.is_alive():
             refusal = "taring is under way"
         if refusal is None:
-            self._taring = threading.Thread(target=self._tare, name="tare", daemon=True)
-            self._taring.start()
+            self._taring = self._ports.clock.start(self._tare, "tare")
         return refusal
 
     def watch(self, now: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
+from itertools import starmap
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -29,7 +30,7 @@ from cspr_msgs_py.runtime.process import (
 )
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
 from cspr_msgs_py.vocabulary import DriverState
-from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 
@@ -148,18 +149,20 @@ class CanDrives(DriverNode):
         before, self._published_states = self._published_states, states
         self._since_published = 0.0
         stamp = self.get_clock().now().nanoseconds
-        self._drive_states.publish(diagnostic_array(stamp, drive_states(self.master.snapshot())))
+        statuses = drive_states(self.master.snapshot())
+        self._drive_states.publish(diagnostic_array(stamp, starmap(diagnostic_status, statuses)))
         state, cause, _ = states
         if before is None or before[0] is not state:
             self.get_logger().info(f"drives {state.value}" + (f": {cause}" if cause else ""))
 
     def _report(self) -> list[DiagnosticStatus]:
         if self._master is None:
-            return [not_configured(self.get_name())]
-        return [
+            return [diagnostic_status(*not_configured(self.get_name()))]
+        statuses = [
             *drive_diagnostics(self._master.snapshot()),
             *(bus_status("can_drives", p) for p in self.ports),
         ]
+        return [diagnostic_status(*status) for status in statuses]
 
 
 def main() -> int:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-
-from diagnostic_msgs.msg import DiagnosticStatus
+from typing import Any
 
 from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.drives.report import DriveReport
 from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport, in_words
 from cspr_msgs_py.vocabulary import DriverState, Level
-from cspr_msgs_py.wire.conversions import diagnostic_status
+from cspr_msgs_py.wire.samples import Status
 
 _LEVELS = {DriverState.FAULT: Level.ERROR, DriverState.NOT_READY: Level.WARN}
 
 
-def drive_states(report: DriveReport) -> list[DiagnosticStatus]:
+def drive_states(report: DriveReport) -> list[Status]:
     """Return the statuses of /drive_states: the drives as a whole, then each one."""
     overall = {"cause": report.cause, "enabled": ", ".join(report.members)}
     level = _LEVELS.get(report.state, Level.OK)
-    statuses = [diagnostic_status("can_drives", level, report.state.value, overall)]
+    statuses = [_status("can_drives", level, report.state.value, overall)]
     for drive, age in zip(report.drives, report.feedback_ages, strict=True):
         level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
         values = {
@@ -33,7 +32,7 @@ def drive_states(report: DriveReport) -> list[DiagnosticStatus]:
             "feedback_age_ms": _milliseconds(age),
             "unavailable": drive.unavailable,
         }
-        statuses.append(diagnostic_status(drive.name, level, drive.state_name, values))
+        statuses.append(_status(drive.name, level, drive.state_name, values))
     return statuses
 
 
@@ -42,17 +41,17 @@ def _milliseconds(age: float) -> str:
     return f"{1e3 * age:.1f}" if math.isfinite(age) else ""
 
 
-def not_configured(node: str) -> DiagnosticStatus:
+def not_configured(node: str) -> Status:
     """Return the status of a driver that has not opened its buses."""
-    return diagnostic_status(node, Level.WARN, "not configured: no bus is open", {})
+    return _status(node, Level.WARN, "not configured: no bus is open", {})
 
 
-def drive_diagnostics(report: DriveReport) -> list[DiagnosticStatus]:
+def drive_diagnostics(report: DriveReport) -> list[Status]:
     """Return the health of the driver of the drives."""
     return [_driver_diagnostics(report), *_each_drive(report)]
 
 
-def _each_drive(report: DriveReport) -> Iterator[DiagnosticStatus]:
+def _each_drive(report: DriveReport) -> Iterator[Status]:
     for place, (drive, facts) in enumerate(zip(report.drives, report.facts, strict=True)):
         counts = report.statistics.answers[place]
         values = {
@@ -71,10 +70,10 @@ def _each_drive(report: DriveReport) -> Iterator[DiagnosticStatus]:
                 values["rated_current_a"] = f"{facts.rated_current:g}"
         level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
         message = drive.unavailable or drive.state_name
-        yield diagnostic_status(f"can_drives: {drive.name}", level, message, values)
+        yield _status(f"can_drives: {drive.name}", level, message, values)
 
 
-def _driver_diagnostics(report: DriveReport) -> DiagnosticStatus:
+def _driver_diagnostics(report: DriveReport) -> Status:
     """Return the health of the driver of the drives."""
     statistics = report.statistics
     values = {
@@ -95,27 +94,25 @@ def _driver_diagnostics(report: DriveReport) -> DiagnosticStatus:
         "worst_sync_lateness_us": round(1e6 * report.worst_lateness),
     }
     if not report.clock_running:
-        return diagnostic_status("can_drives", Level.ERROR, "no SYNC is sent", values)
+        return _status("can_drives", Level.ERROR, "no SYNC is sent", values)
     message = report.state.value + (f": {report.cause}" if report.cause else "")
-    return diagnostic_status("can_drives", _LEVELS.get(report.state, Level.OK), message, values)
+    return _status("can_drives", _LEVELS.get(report.state, Level.OK), message, values)
 
 
-def load_cell_states(names: Sequence[str], problems: Mapping[str, str]) -> list[DiagnosticStatus]:
+def load_cell_states(names: Sequence[str], problems: Mapping[str, str]) -> list[Status]:
     """Return the statuses of /load_cell_states: the load cells as a whole, then each one."""
     cause = in_words(problems)
     level = Level.ERROR if problems else Level.OK
     return [
-        diagnostic_status("load_cells", level, "fault" if problems else "ok", {"cause": cause}),
+        _status("load_cells", level, "fault" if problems else "ok", {"cause": cause}),
         *(
-            diagnostic_status(
-                name, Level.ERROR if name in problems else Level.OK, problems.get(name, "ok"), {}
-            )
+            _status(name, Level.ERROR if name in problems else Level.OK, problems.get(name, "ok"), {})
             for name in names
         ),
     ]
 
 
-def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[DiagnosticStatus]:
+def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[Status]:
     """Return the health of the driver of the load cells, then that of each cell."""
     statistics = report.statistics
     values = {
@@ -131,9 +128,7 @@ def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[
         problem = "no SYNC on the bus: can_drives sends it"
     else:
         problem = "; ".join(f"{name} {why}" for name, why in (statistics.problems | report.problems).items())
-    statuses = [
-        diagnostic_status("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)
-    ]
+    statuses = [_status("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)]
     for name, counts, errors in zip(names, statistics.answers, report.errors, strict=True):
         words = report.problems.get(name, "")
         counters = {
@@ -144,11 +139,11 @@ def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[
             "remedy": "; ".join(error.remedy for error in errors),
         }
         level = Level.ERROR if words else Level.OK
-        statuses.append(diagnostic_status(f"load_cells: {name}", level, words or "ok", counters))
+        statuses.append(_status(f"load_cells: {name}", level, words or "ok", counters))
     return statuses
 
 
-def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
+def bus_status(node: str, port: CanPort) -> Status:
     """Return the health of a bus as one node sees it."""
     counts = {
         "unknown_frames": port.unknown_frames,
@@ -161,4 +156,8 @@ def bus_status(node: str, port: CanPort) -> DiagnosticStatus:
     level = Level.WARN if any(counts.values()) else Level.OK
     if port.receive_buffer is not None:
         counts["receive_buffer_bytes"] = port.receive_buffer
-    return diagnostic_status(f"{node}: bus {port.name}", level, port.last_problem or "ok", counts)
+    return _status(f"{node}: bus {port.name}", level, port.last_problem or "ok", counts)
+
+
+def _status(name: str, level: Level, message: str, values: Mapping[str, Any]) -> Status:
+    return Status(name, level, message, {key: str(value) for key, value in values.items()})

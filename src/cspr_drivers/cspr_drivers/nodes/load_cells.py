@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import starmap
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,7 +24,7 @@ from cspr_drivers.nodes.driver_node import DriverNode
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer
 from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, cable_names
-from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 WATCH_PERIOD = 0.5  # s; how often heartbeats are looked at
@@ -89,19 +90,21 @@ class LoadCells(DriverNode):
         self._published = problems
         self._since_published = 0.0
         stamp = self.get_clock().now().nanoseconds
-        self._states.publish(diagnostic_array(stamp, load_cell_states(self._names, problems)))
+        statuses = load_cell_states(self._names, problems)
+        self._states.publish(diagnostic_array(stamp, starmap(diagnostic_status, statuses)))
 
     def _publish(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self._tensions.publish(self._codec.encode(stamp_ns, effort=tensions))
 
     def _report(self) -> list[DiagnosticStatus]:
         if self._master is None:
-            return [not_configured(self.get_name())]
+            return [diagnostic_status(*not_configured(self.get_name()))]
         report = self._master.snapshot(self.ports.clock.monotonic())
-        return [
+        statuses = [
             *load_cell_diagnostics(self._names, report),
             *(bus_status("load_cells", port) for port in self.ports),
         ]
+        return [diagnostic_status(*status) for status in statuses]
 
 
 def main() -> int:

@@ -91,43 +91,9 @@ class RobotEmulator:
         bus_timing: bool = False,
         clock: Clock = COMPUTER,
     ) -> None:
-        count = simulation.robot.number_of_cables
-        for key, devices in (("drives", can_config.drives), ("load_cells", can_config.load_cells)):
-            if len(devices) != count:
-                raise ConfigurationError(
-                    f"{can_config.source}: {key}: lists {len(devices)} devices, but the simulated robot has "
-                    f"{count} cables"
-                )
-        for name in (DRIVE_EDS, LOAD_CELL_EDS):
-            if not (eds_directory / name).is_file():
-                raise ConfigurationError(
-                    f"{eds_directory / name}: missing; it describes the devices of {can_config.source}, beside it"
-                )
         self._clock = clock
         self.machine = SharedPlant(plant, simulation.payload_changes, clock)
-        self.drives = tuple(
-            DriveEmulator(
-                config,
-                eds_directory / DRIVE_EDS,
-                self.machine,
-                index,
-                simulation.brake,
-                simulation.drive,
-                can_config.brake_open_bit,
-            )
-            for index, config in enumerate(can_config.drives)
-        )
-        self.load_cells = tuple(
-            LoadCellEmulator(
-                config,
-                eds_directory / LOAD_CELL_EDS,
-                self.machine,
-                index,
-                simulation.load_cells,
-                simulation.seed,
-            )
-            for index, config in enumerate(can_config.load_cells)
-        )
+        self.drives, self.load_cells = emulated_devices(can_config, simulation, self.machine, eds_directory)
         # The torques of a cycle are applied while the amplifiers convert, or by the next SYNC: whoever sends them
         # need not wait for the plant.
         self.machine.inputs_at_once = 2 * len(self.drives)
@@ -327,6 +293,54 @@ class RobotEmulator:
         self._last_tick = time
         for node in self._nodes:
             node.tick(time, supervise)
+
+
+def emulated_devices(
+    can_config: CanConfig, simulation: SimulationConfig, machine: SharedPlant, eds_directory: Path
+) -> tuple[tuple[DriveEmulator, ...], tuple[LoadCellEmulator, ...]]:
+    """Return the drives and the load cells of a configuration, in the order of the cables, on no bus yet.
+
+    Raises
+    ------
+    ConfigurationError
+        As `RobotEmulator` does.
+    """
+    count = simulation.robot.number_of_cables
+    for key, devices in (("drives", can_config.drives), ("load_cells", can_config.load_cells)):
+        if len(devices) != count:
+            raise ConfigurationError(
+                f"{can_config.source}: {key}: lists {len(devices)} devices, but the simulated robot has "
+                f"{count} cables"
+            )
+    for name in (DRIVE_EDS, LOAD_CELL_EDS):
+        if not (eds_directory / name).is_file():
+            raise ConfigurationError(
+                f"{eds_directory / name}: missing; it describes the devices of {can_config.source}, beside it"
+            )
+    drives = tuple(
+        DriveEmulator(
+            config,
+            eds_directory / DRIVE_EDS,
+            machine,
+            index,
+            simulation.brake,
+            simulation.drive,
+            can_config.brake_open_bit,
+        )
+        for index, config in enumerate(can_config.drives)
+    )
+    load_cells = tuple(
+        LoadCellEmulator(
+            config,
+            eds_directory / LOAD_CELL_EDS,
+            machine,
+            index,
+            simulation.load_cells,
+            simulation.seed,
+        )
+        for index, config in enumerate(can_config.load_cells)
+    )
+    return drives, load_cells
 
 
 class _Receiver:

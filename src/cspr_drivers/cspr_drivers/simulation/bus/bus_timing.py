@@ -8,8 +8,9 @@ stuff bit is needed, so that a cycle that fits here fits on copper.
 from __future__ import annotations
 
 import errno
+import math
 import os
-from collections import Counter, deque
+from collections import Counter
 from enum import Enum, auto
 from heapq import heappop, heappush
 from typing import NamedTuple, Protocol
@@ -17,7 +18,6 @@ from typing import NamedTuple, Protocol
 import can
 
 from cspr_drivers.bus.bus_load import worst_case_bits
-from cspr_drivers.bus.can_bus import copied_frame
 
 BABBLING_COB_ID = 0x001
 """Identifier of a babbling node's frames: before everything but NMT."""
@@ -62,6 +62,9 @@ class Passed(NamedTuple):
     frame: can.Message
 
 
+_Waiting = tuple[int, int, object, can.Message]  # identifier, number in the order of offers, sender, frame
+
+
 class BusTiming:
     """The frames that wait for one bus, and the one that is on it. Not thread-safe: the caller serialises.
 
@@ -72,17 +75,19 @@ class BusTiming:
     """
 
     def __init__(self, bitrate: int) -> None:
-        self._bit = 1.0 / bitrate
         self._lengths = tuple(worst_case_bits(length) / bitrate for length in range(9))
-        self._offered: deque[tuple[float, int, object, can.Message]] = deque()
-        self._waiting: list[tuple[int, int, object, can.Message]] = []  # by identifier, then by age
+        self._error_frame = _ERROR_FRAME_BITS / bitrate
+        self._waiting: list[_Waiting] = []  # a heap: by identifier, then by age
         self._held: Counter[object] = Counter()
         self._count = 0
-        self._free = 0.0
+        self._current: _Waiting | None = None  # on the bus, from `_start` to `_end`
+        self._start = 0.0
+        self._end = math.inf
+        self._free = 0.0  # when the last frame was through
+        self._newest = 0.0  # when the last frame was offered
         self._looked_at = 0.0
+        self._done: list[Passed] = []
         self._disturbance = BusDisturbance.NONE
-        self._to_tell: list[can.Message] = []
-        self._babble = can.Message(arbitration_id=BABBLING_COB_ID, data=bytes(8), is_extended_id=False)
 
     def offer(self, frame: can.Message, sender: object, time: float) -> None:
         """Let a frame wait for the bus from a time, s, on; never from before a frame that was offered earlier.
@@ -93,28 +98,39 @@ class BusTiming:
             With ENOBUFS, if too many frames of this sender wait already; with ENETDOWN or ENXIO, if its interface is
             down or gone.
         """
-        refusal = _REFUSALS.get(self._disturbance)
-        if refusal is not None and sender == DRIVER:
-            raise can.CanOperationError(os.strerror(refusal), error_code=refusal)
+        if self._disturbance in _LOSES_FRAMES:
+            refusal = _REFUSALS.get(self._disturbance)
+            if refusal is not None and sender == DRIVER:
+                raise can.CanOperationError(os.strerror(refusal), error_code=refusal)
+            return
         if self._held[sender] >= _TRANSMIT_QUEUE:
             raise can.CanOperationError("transmit buffer full", error_code=errno.ENOBUFS)
         self._held[sender] += 1
         self._count += 1
-        if self._offered:
-            time = max(time, self._offered[-1][0])
-        self._offered.append((time, self._count, sender, frame))
+        self._newest = time = max(time, self._newest)
+        if self._end <= time:
+            self._advance(time)
+        heappush(self._waiting, (frame.arbitration_id, self._count, sender, frame))
+        if self._current is None:
+            self._begin(max(self._free, time))
+        elif time <= self._start and frame.arbitration_id < self._current[0]:
+            self._withdraw()  # arbitration is between all frames that wait when the bus becomes free
+            self._begin(self._start)
 
     def disturb(self, disturbance: BusDisturbance) -> None:
         """Let something disturb the bus, or no longer, from the time on for which it was last looked at."""
         self._free = max(self._free, self._looked_at)
+        self._withdraw()
         self._disturbance = disturbance
-        self._to_tell = []
+        if disturbance in _LOSES_FRAMES:
+            self._waiting.clear()
+            self._held.clear()
         if disturbance is BusDisturbance.OFF:
-            self._to_tell.append(
-                can.Message(
-                    arbitration_id=_BUS_OFF, is_error_frame=True, is_extended_id=False, dlc=8, data=bytes(8)
-                )
+            told = can.Message(
+                arbitration_id=_BUS_OFF, is_error_frame=True, is_extended_id=False, dlc=8, data=bytes(8)
             )
+            self._done.append(Passed(self._looked_at, self, told))
+        self._begin(self._free)
 
     @property
     def disturbed(self) -> bool:
@@ -123,64 +139,51 @@ class BusTiming:
 
     def passed(self, time: float) -> list[Passed]:
         """Return, once, the frames that are through at a time, s, in their order."""
-        done: list[Passed] = []
         self._looked_at = time
-        if self._disturbance in _LOSES_FRAMES:
-            self._offered.clear()
-            self._waiting.clear()
-            self._held.clear()
-        if self._disturbance is BusDisturbance.CUT or self._disturbance in _LOSES_FRAMES:
-            self._free = time
-            done.extend(Passed(time, self, frame) for frame in self._to_tell)
-            self._to_tell = []
-            return done
-        babbling = self._disturbance is BusDisturbance.BABBLING
-        offered, waiting = self._offered, self._waiting
-        while waiting or offered or babbling:
-            if not waiting and not babbling:
-                self._free = max(self._free, offered[0][0])  # until then the bus was idle
-            start = self._free
-            while offered and offered[0][0] <= start:
-                _, count, sender, frame = offered.popleft()
-                heappush(waiting, (frame.arbitration_id, count, sender, frame))
-            if babbling and not (waiting and waiting[0][0] < BABBLING_COB_ID):
-                end = start + self._lengths[8]
-                if end > time:
-                    break
-                done.append(Passed(end, self, copied_frame(self._babble)))
-            else:
-                frame = waiting[0][3]
-                end = start + self._lengths[len(frame.data)]
-                if end > time:
-                    break
-                _, _, sender, frame = heappop(waiting)
-                self._held[sender] -= 1
-                if self._disturbance is BusDisturbance.ERROR_FRAMES:
-                    end += _ERROR_FRAME_BITS * self._bit
-                    frame, sender = can.Message(is_error_frame=True, is_extended_id=False), self
-                done.append(Passed(end, sender, frame))
-            self._free = end
+        self._advance(time)
+        done, self._done = self._done, []
         return done
 
     def next_end(self) -> float | None:
         """Return when the next frame is through, s, if none is offered before it; `None` when none waits."""
-        if self._to_tell:
-            return self._looked_at
-        if self._disturbance is BusDisturbance.CUT or self._disturbance in _LOSES_FRAMES:
-            return None
-        if self._disturbance is BusDisturbance.BABBLING:
-            return self._free + self._lengths[8]
-        if self._waiting:
-            return self._free + self._lengths[len(self._waiting[0][3].data)]
-        if not self._offered:
-            return None
-        start = max(self._free, self._offered[0][0])
-        first = min((o for o in self._offered if o[0] <= start), key=lambda o: (o[3].arbitration_id, o[1]))
-        return start + self._lengths[len(first[3].data)]
+        if self._done:
+            return self._done[0].time
+        return None if self._current is None else self._end
 
     def last_end(self) -> float:
         """Return when all frames that wait now are through, s, if none is offered meanwhile."""
-        end = self._free + sum(self._lengths[len(entry[3].data)] for entry in self._waiting)
-        for time, _, _, frame in self._offered:
-            end = max(end, time) + self._lengths[len(frame.data)]
-        return end
+        end = self._free if self._current is None else self._end
+        return end + sum(self._lengths[len(entry[3].data)] for entry in self._waiting)
+
+    def _advance(self, time: float) -> None:
+        while self._end <= time:
+            assert self._current is not None  # it is on the bus until `_end`
+            _, _, sender, frame = self._current
+            if sender is not self:
+                self._held[sender] -= 1
+            if self._disturbance is BusDisturbance.ERROR_FRAMES:
+                frame, sender = can.Message(is_error_frame=True, is_extended_id=False), self
+            self._done.append(Passed(self._end, sender, frame))
+            self._free = self._end
+            self._begin(self._free)
+
+    def _begin(self, time: float) -> None:
+        """Let the frame with the lowest identifier have the bus from a time, s, on, if one may have it."""
+        waiting = self._waiting
+        self._current, self._start, self._end = None, time, math.inf
+        if self._disturbance is BusDisturbance.BABBLING and not (waiting and waiting[0][0] < BABBLING_COB_ID):
+            babble = can.Message(arbitration_id=BABBLING_COB_ID, data=bytes(8), is_extended_id=False)
+            self._current = (BABBLING_COB_ID, 0, self, babble)
+        elif waiting and self._disturbance is not BusDisturbance.CUT:
+            self._current = heappop(waiting)
+        else:
+            return
+        self._end = time + self._lengths[len(self._current[3].data)]
+        if self._disturbance is BusDisturbance.ERROR_FRAMES:
+            self._end += self._error_frame
+
+    def _withdraw(self) -> None:
+        """Take the frame off the bus again; it waits as before."""
+        if self._current is not None and self._current[2] is not self:
+            heappush(self._waiting, self._current)
+        self._current, self._end = None, math.inf

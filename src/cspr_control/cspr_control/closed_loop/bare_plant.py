@@ -1,0 +1,99 @@
+"""The plant alone: no devices and no buses between it and the controllers, and none of what takes their time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cspr_control.closed_loop.machine import Answer, Publish
+from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_drivers.simulation.plant.plant import Plant
+from cspr_drivers.simulation.plant.shared import SharedPlant
+from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_kinematics import Payload
+from cspr_msgs_py.topics import CABLE_TENSIONS, DRIVE_STATES, LOAD_CELL_STATES, MOTOR_STATES
+from cspr_msgs_py.vocabulary import DriverState, Level
+from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.samples import Status, StatusArray
+
+_NONE = np.empty(0)
+
+
+class BarePlant:
+    """Platform, cables and winches with ideal drives and with the load cells of `simulation.yaml`; a `Machine`.
+
+    Parameters
+    ----------
+    time
+        Its time.
+    config
+        The true machine.
+    period
+        Of the control cycle, s.
+    """
+
+    def __init__(self, time: SimulatedTime, config: SimulationConfig, period: float) -> None:
+        self.time = time
+        self.plant = Plant(config)
+        self.publish: Publish = lambda topic, sample: None
+        self._config = config
+        self._period = period
+        self._machine = SharedPlant(self.plant, config.payload_changes, time)
+        self._noise = np.random.default_rng(config.seed)
+        self._angles = self.plant.motor_angles()
+        self._enabled = False
+        self._m = config.robot.number_of_cables
+
+    def begin(self) -> None:
+        """Let the control cycles begin, brakes closed."""
+        self.time.every(self._period, self._cycle)
+        self.time.every(1.0, self._publish_states)
+
+    def command(self, index: int, stamp_ns: int, torque: float) -> None:
+        """Apply a torque, N m, at once."""
+        if self._enabled:
+            self._advance()
+            self.plant.set_torque(index, torque)
+
+    def call(self, service: str) -> Answer:
+        """Open the brakes, or close them; as the cables pull now, so do the motors until they are told otherwise."""
+        self._advance()
+        if service == "/can_drives/enable":
+            self._enabled = True
+        elif service in ("/can_drives/disable", "/can_drives/quick_stop"):
+            self._enabled = False
+        held = -self._config.robot.winch.ratio * self.plant.tensions()
+        for index in range(self._m):
+            self.plant.set_torque(index, held[index] if self._enabled else 0.0)
+            self.plant.set_brake(index, closed=not self._enabled)
+        self.time.at(self.time.monotonic(), self._publish_states)
+        return Answer(True, "accepted")
+
+    def change_payload(self, payload: Payload, stamp_ns: int) -> None:
+        """Let the platform carry another payload from a moment on, ns of ROS time."""
+        self._machine.change_payload(payload, (stamp_ns - self.time.system_ns()) * 1e-9 + self._machine.now())
+
+    def close(self) -> None:
+        """Do nothing: there is no driver."""
+
+    def _advance(self) -> None:
+        self._machine.advance(self._machine.now(), exactly=True)
+
+    def _cycle(self) -> None:
+        self._advance()
+        stamp, cells = self.time.system_ns(), self._config.load_cells
+        tensions = self.plant.tensions() * (1 + cells.gain_error) + cells.offset
+        tensions += cells.noise_std * self._noise.standard_normal(self._m)
+        self.publish(CABLE_TENSIONS, JointStateSample(stamp, _NONE, _NONE, tensions))
+        before, self._angles = self._angles, self.plant.motor_angles()
+        speeds = (self._angles - before) / self._period
+        states = JointStateSample(stamp, self._angles, speeds, self.plant.motor_torques())
+        self.publish(MOTOR_STATES, states)
+
+    def _publish_states(self) -> None:
+        state = DriverState.ENABLED if self._enabled else DriverState.DISABLED
+        for topic, name, message in (
+            (DRIVE_STATES, "can_drives", state.value),
+            (LOAD_CELL_STATES, "load_cells", "ok"),
+        ):
+            status = Status(name, Level.OK, message, {"cause": ""})
+            self.publish(topic, StatusArray(self.time.system_ns(), (status,)))

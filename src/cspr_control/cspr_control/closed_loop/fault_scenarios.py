@@ -1,0 +1,437 @@
+"""Every fault in simulated time: how it comes about, what it must end in, and how the operator brings the robot back.
+
+Each one ends as each fault must: held, brakes closed, latched, with a named cause; then the operator's reset and
+enable, and nothing else, bring the robot back without a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
+from cspr_control.closed_loop.robot import SimulatedRobot
+from cspr_control.closed_loop.run import closed_loop
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_drivers.simulation.fault_injection import FaultOrder, InjectedFault
+from cspr_kinematics import Pose, Robot
+from cspr_msgs_py.topics import RECORDER_STATE
+from cspr_msgs_py.vocabulary import Level, RobotState
+from cspr_msgs_py.wire.samples import Status
+
+PAYLOAD = 200.0  # kg on a platform of 153 kg
+LARGEST_DROP = 0.020  # m
+RobotLoop: TypeAlias = "ClosedLoop[SimulatedRobot]"
+_PLACE = 2  # the motor or cable, from 0, that has the fault
+_WINDING = 2.0  # s that turning a drum back by hand may take
+_SETTLING = 0.2  # s for which the robot is watched after the brakes hold
+
+
+@dataclass(frozen=True)
+class FaultScenario:
+    """A fault.
+
+    Attributes
+    ----------
+    name
+        As in docs/operation.md.
+    begin
+        Lets it happen.
+    cause
+        Words that the latched cause contains.
+    end
+        Ends it, before the operator resets.
+    onset
+        What makes it a fault, where that takes a while from `begin` on; time and height count from then.
+    moving, held
+        Whether it can happen to a robot that moves, and to one that is held still.
+    lasts
+        Longest time until the brakes hold, s.
+    rest
+        Time for the estimate of the payload to recover before the operator enables again, s.
+    harms_tension
+        Whether the fault itself takes the tension out of a cable.
+    """
+
+    name: str
+    begin: Callable[[RobotLoop], None]
+    cause: str
+    end: Callable[[RobotLoop], None] = lambda loop: loop.machine.faults.clear()
+    onset: Callable[[RobotLoop], bool] = lambda loop: True
+    moving: bool = True
+    held: bool = True
+    lasts: float = 2.0
+    rest: float = 0.1
+    harms_tension: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a fault.
+
+    Attributes
+    ----------
+    cause
+        As latched.
+    controlled
+        Whether the robot came to rest along its path first.
+    duration
+        From the fault until all brakes hold, s.
+    drop
+        Height lost, from the fault until the platform rests on the brakes, m.
+    lowest_tension
+        Of all cables until the brakes hold, N.
+    jump
+        Largest movement of the platform while the operator enables it again, m.
+    """
+
+    cause: str
+    controlled: bool
+    duration: float
+    drop: float
+    lowest_tension: float
+    jump: float
+
+
+def _inject(fault: InjectedFault, place: int | str = _PLACE) -> Callable[[RobotLoop], None]:
+    return lambda loop: loop.machine.faults.inject(FaultOrder(fault, place))
+
+
+def _answer(torque: Callable[[float], float | None]) -> Callable[[RobotLoop], None]:
+    return lambda loop: loop.tampering.__setitem__(_PLACE, torque)
+
+
+def _heal_controllers(loop: RobotLoop) -> None:
+    loop.tampering.clear()
+
+
+def _stale_command(loop: RobotLoop) -> None:
+    stamp = loop.time.system_ns() - 200_000_000
+    loop.machine.drives.command(_PLACE, stamp, -1.0)
+
+
+def _unknown_motor(loop: RobotLoop) -> None:
+    loop.machine.drives.reject_command(_PLACE, "names are ('motor_9',)")
+
+
+def _freeze(loop: RobotLoop) -> None:
+    loop.machine.driver_runs = False
+    loop.time.at(loop.time.monotonic() + 1.0, lambda: setattr(loop.machine, "driver_runs", True))
+
+
+def _leave_workspace(loop: RobotLoop) -> None:
+    outside = Pose(loop.robot.workspace_max * (0.0, 1.0, 0.0) + (0.0, 0.2, 1.0), np.eye(3))
+    quick = MotionLimits(speed=0.8, acceleration=1.0, angular_speed=0.2, angular_acceleration=0.4)
+    loop.play(lambda here: PointToPoint(here, outside, quick))
+
+
+def _across(here: Pose, distance: float) -> Pose:
+    """Return the pose as far from the middle, m along x, on the other side, level."""
+    x = math.copysign(distance, -here.position[0] - 1e-9)
+    return Pose(np.array([x, here.position[1], here.position[2]]), here.rotation)
+
+
+def _hurry(loop: RobotLoop) -> None:
+    quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
+    loop.play(lambda here: PointToPoint(here, _across(here, 1.0), quick))
+
+
+def _lift_what_is_caught(loop: RobotLoop) -> None:
+    loop.machine.faults.inject(FaultOrder(InjectedFault.PLATFORM_CAUGHT))
+    slow = MotionLimits(speed=0.05, acceleration=0.3, angular_speed=0.2, angular_acceleration=0.4)
+    up = np.array([0.0, 0.0, 0.3])
+    loop.play(lambda here: PointToPoint(here, Pose(here.position + up, here.rotation), slow))
+
+
+def _wind_back(loop: RobotLoop) -> None:
+    """Turn a drum by hand, slowly and with its brake lifted, until the lengths of all cables fit a pose."""
+    loop.machine.faults.clear()
+    _heal_controllers(loop)
+    plant, time = loop.machine.plant, loop.time
+    _wait_until_set_up(loop)
+    plant.set_brake(_PLACE, closed=False)
+    end = time.monotonic() + _WINDING
+    while time.monotonic() < end and abs(error := loop.supervisor.checks.following_errors()[_PLACE]) > 0.1:
+        hand = max(-2.5, min(2.5, 10.0 * error)) - 1.2
+        plant.set_torque(_PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[_PLACE])
+        time.wait(0.002)
+    plant.set_brake(_PLACE, closed=True)
+    plant.set_torque(_PLACE, 0.0)
+
+
+SCENARIOS = (
+    FaultScenario("command stale", _stale_command, "older than the command timeout"),
+    FaultScenario("command not finite", _answer(lambda torque: math.nan), "not finite", _heal_controllers),
+    FaultScenario(
+        "command beyond the limit", _answer(lambda torque: 50.0), "beyond the torque limit", _heal_controllers
+    ),
+    FaultScenario("command for an unknown motor", _unknown_motor, "unreadable"),
+    FaultScenario("controller killed", _answer(lambda torque: None), "motor_3", _heal_controllers),
+    FaultScenario(
+        "driver frozen for 1 s",
+        _freeze,
+        "stale topic",
+        lambda loop: loop.wait_until(lambda: loop.machine.driver_runs, 2.0, lambda: "the driver hangs"),
+        lasts=3.0,
+    ),
+    FaultScenario(
+        "driver killed",
+        lambda loop: loop.machine.kill_driver(),
+        "stale topic",
+        lambda loop: loop.machine.restart_driver(),
+        lasts=3.0,
+    ),
+    FaultScenario(
+        "driver ended, Ctrl-C or SIGTERM", lambda loop: loop.machine.drives.disable(), "by themselves"
+    ),
+    FaultScenario("drive silent", _inject(InjectedFault.DRIVE_SILENT), "motor_3"),
+    FaultScenario("drive without feedback", _inject(InjectedFault.DRIVE_NO_FEEDBACK), "motor_3"),
+    FaultScenario("drive without heartbeat", _inject(InjectedFault.DRIVE_NO_HEARTBEAT), "motor_3"),
+    FaultScenario("drive resets", _inject(InjectedFault.DRIVE_RESET), "motor_3"),
+    FaultScenario("drive in fault", _inject(InjectedFault.DRIVE_FAULT), "motor_3"),
+    FaultScenario("drive in the wrong mode", _inject(InjectedFault.DRIVE_WRONG_MODE), "motor_3"),
+    FaultScenario("drive reports EMCY", _inject(InjectedFault.DRIVE_EMERGENCY), "motor_3"),
+    FaultScenario(
+        "drive runs away",
+        _inject(InjectedFault.DRIVE_RUNAWAY),
+        "motor_3 applies",
+        _wind_back,
+        harms_tension=True,
+        rest=2.0,
+    ),
+    FaultScenario(
+        "winch blocked",
+        _inject(InjectedFault.WINCH_BLOCKED),
+        "motor_3",
+        _wind_back,
+        held=False,
+        harms_tension=True,
+        rest=2.0,
+    ),
+    FaultScenario(
+        "controller without torque",
+        _answer(lambda torque: 0.0),
+        "motor_3",
+        _wind_back,
+        harms_tension=True,
+        rest=2.0,
+    ),
+    FaultScenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "cable_3"),
+    FaultScenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "cable_3"),
+    FaultScenario("load cell stuck", _inject(InjectedFault.LOAD_CELL_STUCK), "cable_3", lasts=4.0),
+    FaultScenario("load cell drifts", _inject(InjectedFault.LOAD_CELL_DRIFTING), "cable_3", lasts=8.0),
+    FaultScenario("slack cable", _inject(InjectedFault.CABLE_SLACK), "cable", harms_tension=True, rest=2.0),
+    FaultScenario(
+        "drive pulls",
+        _inject(InjectedFault.DRIVE_PULLING),
+        "motor_3 applies",
+        _wind_back,
+        harms_tension=True,
+        rest=2.0,
+    ),
+    FaultScenario(
+        "overloaded cable",
+        _lift_what_is_caught,
+        "tension above its limit",
+        onset=lambda loop: bool(loop.machine.plant.tensions().max() > loop.robot.tension_max),
+        moving=False,
+        lasts=6.0,
+        rest=2.0,
+    ),
+    FaultScenario(
+        "overspeed",
+        _hurry,
+        "overspeed",
+        onset=lambda loop: bool(
+            np.abs(loop.machine.plant.motor_speeds()).max() > loop.robot.motor.speed_limit
+        ),
+        moving=False,
+        lasts=6.0,
+    ),
+    FaultScenario(
+        "workspace left",
+        _leave_workspace,
+        "workspace",
+        onset=lambda loop: bool(loop.machine.plant.platform_position()[1] > loop.robot.workspace_max[1]),
+        moving=False,
+        lasts=12.0,
+    ),
+    FaultScenario("emergency stop", _inject(InjectedFault.EMERGENCY_STOP), "emergency stop"),
+    FaultScenario(
+        "operator's quick stop",
+        lambda loop: loop.machine.drives.quick_stop("quick stop commanded"),
+        "quick stop commanded",
+    ),
+    FaultScenario("bus cut", _inject(InjectedFault.BUS_CUT, "main"), "all drives: silent"),
+    FaultScenario("bus-off", _inject(InjectedFault.BUS_OFF, "main"), "bus main: bus-off"),
+    FaultScenario("interface down", _inject(InjectedFault.BUS_DOWN, "main"), "bus main: Network is down"),
+    FaultScenario(
+        "interface removed", _inject(InjectedFault.BUS_REMOVED, "main"), "bus main: No such device"
+    ),
+    FaultScenario(
+        "bus full of a babbling node's frames", _inject(InjectedFault.BUS_BABBLING, "main"), "silent"
+    ),
+    FaultScenario("error frames", _inject(InjectedFault.BUS_ERROR_FRAMES, "main"), "silent"),
+    FaultScenario(
+        "recorder's disk full",
+        lambda loop: loop.publish(
+            RECORDER_STATE, Status("recorder", Level.ERROR, "failed", {"cause": "no space left on device"})
+        ),
+        "no space left",
+    ),
+)
+
+
+class FaultError(ClosedLoopError):
+    """A fault did not end as it must."""
+
+
+def run(loop: RobotLoop, scenario: FaultScenario, moving: bool = False) -> Outcome:
+    """Let a fault happen to a robot that is enabled, see it end, and bring the robot back to being enabled.
+
+    Raises
+    ------
+    FaultError
+        If it ends otherwise than held, brakes closed, latched and named, or the robot cannot be brought back.
+    """
+    robot, plant, time = loop.machine, loop.machine.plant, loop.time
+    if moving:
+        _move(loop)
+    heights: list[float] = []
+    tensions: list[float] = []
+    states: list[RobotState] = []
+    closed_at: list[float] = []
+    onset: list[float] = []
+
+    def look() -> None:
+        if not onset and scenario.onset(loop):
+            onset.append(time.monotonic())
+            heights.clear()
+        heights.append(plant.platform_position()[2])
+        states.append(loop.state)
+        if not closed_at:
+            tensions.append(plant.tensions().min())
+            if not any(device.automaton.brake_open for device in robot.devices):
+                closed_at.append(time.monotonic())
+
+    begin = time.monotonic()
+    robot.on_tick = look
+    look()
+    scenario.begin(loop)
+    while not (closed_at and loop.state is RobotState.FAULT):
+        time.wait(0.01)
+        _require(time.monotonic() - begin < scenario.lasts, f"not over after {scenario.lasts:g} s", loop)
+    time.wait(_SETTLING)
+    robot.on_tick = lambda: None
+    _require_held(loop, scenario)
+    _require(bool(onset), "it has not happened", loop)
+    duration, drop = closed_at[0] - onset[0], heights[0] - min(heights)
+    _require(drop <= LARGEST_DROP, f"{1e3 * drop:.1f} mm of height lost", loop)
+    cause = loop.cause
+    scenario.end(loop)
+    time.wait(_SETTLING)
+    _require_held(loop, scenario)
+    return Outcome(
+        cause, RobotState.STOPPING in states, duration, drop, min(tensions), recover(loop, scenario.rest)
+    )
+
+
+def recover(loop: RobotLoop, rest: float) -> float:
+    """Reset and enable as the operator does; return the largest movement of the platform meanwhile, m."""
+    robot, plant, time = loop.machine, loop.machine.plant, loop.time
+    _wait_until_set_up(loop)
+    time.wait(rest)
+    decision = loop.order("/supervisor/reset")
+    _require(decision.accepted, decision.message, loop)
+    loop.wait_for(RobotState.DISABLED, 3.0)
+    time.wait(0.1)
+    place = plant.platform_position()
+    away = []
+    robot.on_tick = lambda: away.append(float(np.linalg.norm(plant.platform_position() - place)))
+    loop.enable()
+    time.wait(0.3)
+    robot.on_tick = lambda: None
+    _require(loop.state is RobotState.ENABLED, "not enabled again", loop)
+    return max(away)
+
+
+def _wait_until_set_up(loop: RobotLoop) -> None:
+    """Let time pass until devices that booted or were away are set up again; nothing can be reset before."""
+    robot = loop.machine
+
+    def waiting() -> dict[str, str]:
+        cells = robot.load_cells.snapshot(loop.time.monotonic())
+        return robot.drives.snapshot().not_configured | cells.not_configured
+
+    loop.wait_until(lambda: not waiting(), 10.0, lambda: f"devices are not set up: {waiting()}")
+
+
+def _move(loop: RobotLoop) -> None:
+    """Bring the platform to full speed, level."""
+    loop.play(lambda here: PointToPoint(here, _across(here, 0.4), loop.player.limits))
+    loop.time.wait(loop.player.dwell + 1.0)
+
+
+def _require_held(loop: RobotLoop, scenario: FaultScenario) -> None:
+    _require(loop.state is RobotState.FAULT, "not latched", loop)
+    _require(scenario.cause in loop.cause, f"the cause does not name '{scenario.cause}'", loop)
+    _require(not any(device.automaton.brake_open for device in loop.machine.devices), "a brake is open", loop)
+    speed = float(np.abs(loop.machine.plant.motor_speeds()).max())
+    _require(speed < 0.1, f"a motor turns at {speed:.2f} rad/s", loop)
+    _require(not loop.order("/supervisor/enable").accepted, "enable is accepted", loop)
+
+
+def _require(condition: bool, problem: str, loop: RobotLoop) -> None:
+    if not condition:
+        state, cause, _ = loop.machine.drives.states()
+        raise FaultError(
+            f"{problem}; robot {loop.state.value} ({loop.cause}), drives {state.value} ({cause})"
+        )
+
+
+class Bench:
+    """A robot that is enabled, for one scenario after the other; another one after a scenario that failed.
+
+    Parameters
+    ----------
+    config
+        Directory of the configuration.
+    """
+
+    def __init__(self, config: Path) -> None:
+        self._config = config
+        self._loop: RobotLoop | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as the controllers believe it to be."""
+        return self._enabled().robot
+
+    def outcome(self, scenario: FaultScenario, moving: bool) -> Outcome:
+        """Let a fault happen; raises what `run` does."""
+        try:
+            return run(self._enabled(), scenario, moving)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the robot."""
+        if self._loop is not None:
+            self._loop.machine.close()
+            self._loop = None
+
+    def _enabled(self) -> RobotLoop:
+        """Return the robot; it carries `PAYLOAD` and holds it, enabled."""
+        if self._loop is None:
+            self._loop = closed_loop(Scenario(payload=PAYLOAD, config=self._config))
+            self._loop.begin()
+            self._loop.time.wait(2.0)  # the estimate of the payload settles
+            self._loop.enable()
+        return self._loop

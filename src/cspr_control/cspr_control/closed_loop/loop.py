@@ -1,0 +1,229 @@
+"""The control graph and a simulated machine, driven by simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+from cspr_control.closed_loop.machine import Machine
+from cspr_control.components.component import Call, Output, Publication, Remark
+from cspr_control.components.supervision import SupervisionComponent
+from cspr_control.components.trajectory import TrajectoryComponent
+from cspr_control.errors import ControlError
+from cspr_control.graph import control_graph
+from cspr_control.parameters.control_settings import ControlSettings
+from cspr_control.reference.player import TrajectoryPlayer
+from cspr_control.reference.trajectory import Trajectory
+from cspr_control.supervision.supervisor import Decision, Supervisor
+from cspr_kinematics import Pose, Robot
+from cspr_msgs_py.topics import DIAGNOSTICS, PAYLOAD, SIMULATED_PAYLOAD, Topic, motor_command
+from cspr_msgs_py.vocabulary import RobotState
+from cspr_msgs_py.wire.samples import InertiaSample
+
+SERVICE_TIME = 0.002  # s from a call of a service to its answer
+_PAYLOAD_PERIOD = 0.02  # s between two words about the true payload
+_STEP = 0.004  # s between two looks of whoever waits for something
+
+M = TypeVar("M", bound=Machine)
+Listener = Callable[[Topic, Any], None]
+
+
+class ClosedLoopError(ControlError):
+    """Something did not come about in the closed loop."""
+
+
+class ClosedLoop(Generic[M]):
+    """A control graph around a machine.
+
+    Parameters
+    ----------
+    robot, settings
+        Of the control graph.
+    machine
+        The machine that it drives.
+    latency
+        Time from the publication of the motor states to the arrival of the torques at the driver, s.
+    exact_mass
+        Whether the feed-forward is told the true mass.
+    speed
+        Seconds of the machine in a second of the computer that runs the graph.
+
+    Attributes
+    ----------
+    graph
+        The control graph.
+    time
+        Time of both.
+    listeners
+        Told of each topic and sample that is published, before anybody who hears the topic answers it.
+    motors
+        Motors, from 0, by the names of the topics of their commands.
+    tampering
+        Changes the torques that controllers command, by motor from 0; None takes them away.
+    log
+        Lines that the graph gave for the log.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        settings: ControlSettings,
+        machine: M,
+        latency: float,
+        exact_mass: bool = False,
+        speed: float = 1.0,
+    ) -> None:
+        heard_instead = {("feedforward", PAYLOAD.name): SIMULATED_PAYLOAD} if exact_mass else None
+        self.graph = control_graph(robot, settings, heard_instead)
+        self.robot = robot
+        self.settings = settings
+        self.machine = machine
+        self.time = machine.time
+        self.listeners: list[Listener] = []
+        self.tampering: dict[int, Callable[[float], float | None]] = {}
+        self.log: list[str] = []
+        self._latency = latency
+        self._speed = speed
+        self.motors = {motor_command(k + 1).name: k for k in range(robot.number_of_cables)}
+        machine.publish = self.publish
+
+    # The parts that scenarios look at
+
+    @property
+    def supervisor(self) -> Supervisor:
+        """The supervisor of the graph."""
+        component = self.graph.components["supervisor"]
+        assert isinstance(component, SupervisionComponent)
+        return component.supervisor
+
+    @property
+    def trajectory(self) -> TrajectoryComponent:
+        """The part of the graph that plays trajectories."""
+        component = self.graph.components["trajectory_publisher"]
+        assert isinstance(component, TrajectoryComponent)
+        return component
+
+    @property
+    def player(self) -> TrajectoryPlayer:
+        """Its player."""
+        return self.trajectory.player
+
+    @property
+    def state(self) -> RobotState:
+        """State of the robot."""
+        return self.supervisor.state
+
+    @property
+    def cause(self) -> str:
+        """What is latched, in words; empty when nothing is."""
+        return str(self.supervisor.fault) if self.supervisor.fault else ""
+
+    # What an operator does
+
+    def begin(self) -> None:
+        """Let graph and machine begin; time passes until the drives can be enabled."""
+        self._carry_out(self.graph.begin(self._now))
+        self.time.at(self._due, self._advance)
+        self.time.every(_PAYLOAD_PERIOD, self._publish_payload)
+        self.machine.begin()
+
+    def play(self, make: Callable[[Pose], Trajectory]) -> None:
+        """Let the platform follow the trajectory that is made for the pose at which it rests."""
+        decision, outputs = self.trajectory.play(make)
+        if not decision.accepted:
+            raise ClosedLoopError(decision.message)
+        self._carry_out(outputs)
+
+    def order(self, service: str) -> Decision:
+        """Give an operator's command to the graph."""
+        decision, outputs = self.graph.call(self._now, service)
+        self._carry_out(outputs)
+        return decision
+
+    def enable(self, limit: float = 5.0) -> None:
+        """Enable the robot, as soon as it may be, and wait until it is, for a time, s, at most."""
+        refusal = ""
+
+        def accepted() -> bool:
+            nonlocal refusal
+            decision = self.order("/supervisor/enable")
+            refusal = decision.message
+            return decision.accepted
+
+        self.wait_until(accepted, limit, lambda: f"the robot cannot be enabled: {refusal}")
+        self.wait_for(RobotState.ENABLED, limit)
+
+    def wait_for(self, state: RobotState, limit: float) -> None:
+        """Let time pass until the robot is in a state, s at most."""
+        self.wait_until(lambda: self.state is state, limit, lambda: f"the robot is {self.state}, not {state}")
+
+    def wait_until(self, condition: Callable[[], bool], limit: float, problem: Callable[[], str]) -> None:
+        """Let time pass until something is so, s at most.
+
+        Raises
+        ------
+        ClosedLoopError
+            If it does not come about; says what is latched.
+        """
+        end = self.time.monotonic() + limit
+        while not condition():
+            if self.time.monotonic() > end:
+                raise ClosedLoopError(f"{problem()}" + (f" ({self.cause})" if self.cause else ""))
+            self.time.wait(_STEP)
+
+    # What drives the graph
+
+    @property
+    def _now(self) -> float:
+        """Monotonic time of the computer that runs the graph, s."""
+        return self.time.monotonic() / self._speed
+
+    @property
+    def _due(self) -> float:
+        return self.graph.next_due * self._speed
+
+    def publish(self, topic: Topic, sample: Any) -> None:
+        """Publish something that the graph may hear."""
+        for listen in self.listeners:
+            listen(topic, sample)
+        self._carry_out(self.graph.on(topic, self._now, sample))
+
+    def _advance(self) -> None:
+        self._carry_out(self.graph.advance(self._now))
+        self.time.at(self._due, self._advance)
+
+    def _publish_payload(self) -> None:
+        payload = self.machine.plant.payload
+        stamp = self.time.system_ns()
+        self.publish(SIMULATED_PAYLOAD, InertiaSample(stamp, payload.mass, payload.center_of_mass))
+
+    def _carry_out(self, outputs: Iterable[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, Publication):
+                topic, sample = output
+                if topic is DIAGNOSTICS:
+                    sample = sample._replace(stamp_ns=self.time.system_ns())
+                for listen in self.listeners:
+                    listen(topic, sample)
+                motor = self.motors.get(topic.name)
+                if motor is not None:
+                    self._command(motor, sample.stamp_ns, sample.effort)
+            elif isinstance(output, Call):
+                self.time.at(self.time.monotonic() + SERVICE_TIME, partial(self._call, output))
+            elif isinstance(output, Remark):
+                self.log.append(f"{output.component}: {output.text}")
+
+    def _command(self, motor: int, stamp_ns: int, torque: float | None) -> None:
+        if motor in self.tampering and torque is not None:
+            torque = self.tampering[motor](torque)
+        if torque is not None:
+            arrival = self.time.monotonic() + self._latency
+            self.time.at(arrival, partial(self.machine.command, motor, stamp_ns, torque))
+
+    def _call(self, call: Call) -> None:
+        serve: Callable[[str], Any] = self.machine.call
+        if call.service in self.graph.services:
+            serve = self.order
+        answer = serve(call.service)
+        self._carry_out(self.graph.answered(self._now, call, answer.accepted, answer.message))

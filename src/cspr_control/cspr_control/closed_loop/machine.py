@@ -1,0 +1,58 @@
+"""What the closed loop needs of a machine: it publishes what it measures, takes torques, and answers services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_drivers.simulation.plant.plant import Plant
+from cspr_kinematics import Payload
+from cspr_msgs_py.topics import Topic
+
+Publish = Callable[[Topic, Any], None]
+
+
+class Answer(NamedTuple):
+    """Answer to a call of a service: whether it is accepted, and why or why not."""
+
+    accepted: bool
+    message: str
+
+
+class Machine(Protocol):
+    """A simulated machine with its driver; `BarePlant` and `SimulatedRobot` are the two there are.
+
+    Attributes
+    ----------
+    time
+        In which it lives.
+    plant
+        The true machine.
+    publish
+        Called with each topic and sample that the driver publishes.
+    """
+
+    time: SimulatedTime
+    plant: Plant
+    publish: Publish
+
+    def begin(self) -> None:
+        """Let the driver begin; time passes until the drives can be enabled."""
+        ...
+
+    def command(self, index: int, stamp_ns: int, torque: float) -> None:
+        """Take a torque, N m, for a motor that answers the motor states with a stamp, ns of ROS time."""
+        ...
+
+    def call(self, service: str) -> Answer:
+        """Answer a service of the driver."""
+        ...
+
+    def change_payload(self, payload: Payload, stamp_ns: int) -> None:
+        """Let the platform carry another payload from a moment on, ns of ROS time."""
+        ...
+
+    def close(self) -> None:
+        """End the driver."""
+        ...

@@ -1,0 +1,162 @@
+"""What happened in the closed loop while a trajectory was followed, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspr_control.analysis.numbers.mass import MassTrace, settling_time
+from cspr_control.analysis.numbers.run_summary import RunSummary
+from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic
+from cspr_msgs_py.wire.joint_state import JointStateSample
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoopRecord:
+    """What happened between the start and the end of the trajectory; n cycles, m motors.
+
+    Attributes
+    ----------
+    scenario
+        What was run.
+    time
+        (n,) s after the start.
+    position_error, velocity_error
+        (n, m) demanded less measured, rad and rad/s.
+    tensions, asked_tensions
+        (n, m) true ones, and those behind the feed-forward torque, N.
+    torque
+        (n, m) commanded, N m; NaN where no command answered.
+    mass_estimate, mass_true
+        (n,) of the payload, kg.
+    mass_valid
+        (n,) whether the measurements could be used for the estimate.
+    simulated, elapsed
+        How long the whole run was, s, and how much of the processor's time it took, s.
+    cause
+        What stopped the robot, in words; empty if nothing did.
+    """
+
+    scenario: Scenario
+    time: FloatArray
+    position_error: FloatArray
+    velocity_error: FloatArray
+    tensions: FloatArray
+    asked_tensions: FloatArray
+    torque: FloatArray
+    mass_estimate: FloatArray
+    mass_valid: NDArray[np.bool_]
+    mass_true: FloatArray
+    simulated: float
+    elapsed: float
+    cause: str
+
+    @property
+    def rms_deg(self) -> FloatArray:
+        """RMS position error of each motor (m,), degrees."""
+        return np.asarray(np.degrees(np.sqrt((self.position_error**2).mean(axis=0))))
+
+    @property
+    def max_deg(self) -> FloatArray:
+        """Largest position error of each motor (m,), degrees."""
+        return np.asarray(np.degrees(np.abs(self.position_error).max(axis=0)))
+
+    @property
+    def settling_time(self) -> float:
+        """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
+        stamps = (self.time * 1e9).round().astype(np.int64)
+        settled = settling_time(MassTrace(stamps, self.mass_estimate), MassTrace(stamps, self.mass_true))
+        return np.inf if settled is None else settled
+
+    def summary(self, bag: str = "") -> RunSummary:
+        """Return what summary.json says of a run, and where the run is recorded if it is."""
+        return RunSummary.of_samples(
+            self.time,
+            self.position_error,
+            self.mass_estimate,
+            self.mass_true,
+            controller=self.scenario.controller,
+            exact_mass=self.scenario.exact_mass,
+            trajectory=self.scenario.trajectory.value,
+            missed=int(np.isnan(self.torque).any(axis=1).sum()),
+            latency=self.scenario.reaction_time,
+            bag=bag,
+        )
+
+
+class _Cycle(NamedTuple):
+    stamp_ns: int
+    position_error: FloatArray
+    velocity_error: FloatArray
+    tensions: FloatArray
+    asked_tensions: FloatArray
+    torque: FloatArray
+    mass_estimate: float
+    mass_valid: bool
+    mass_true: float
+
+
+class LoopRecorder:
+    """Listens to a closed loop and keeps what a `LoopRecord` is made of."""
+
+    def __init__(self, loop: ClosedLoop[Any]) -> None:
+        self._loop = loop
+        components: dict[str, Any] = dict(loop.graph.components)
+        self._feedforward = components["feedforward"]
+        self._estimator = components["mass_estimator"].estimator
+        self._setpoint: JointStateSample | None = None
+        self._cycles: list[_Cycle] = []
+        loop.listeners.append(self._listen)
+
+    def record(self, scenario: Scenario, simulated: float, elapsed: float) -> LoopRecord:
+        """Return the cycles from the start of the trajectory to its end, or to where the robot was stopped.
+
+        Raises
+        ------
+        ClosedLoopError
+            If the robot was stopped before the trajectory began.
+        """
+        start, end = self._loop.player.start_time, self._loop.player.end_time
+        cycles = [cycle for cycle in self._cycles if start <= cycle.stamp_ns < end]
+        if len(cycles) < 2:
+            raise ClosedLoopError(f"the trajectory did not begin: {self._loop.cause}")
+        columns: dict[str, Any] = {
+            name: np.array(column)
+            for name, column in zip(_Cycle._fields, zip(*cycles, strict=True), strict=True)
+        }
+        time = (columns.pop("stamp_ns") - start) * 1e-9
+        return LoopRecord(
+            scenario, time, **columns, simulated=simulated, elapsed=elapsed, cause=self._loop.cause
+        )
+
+    def _listen(self, topic: Topic, sample: Any) -> None:
+        if topic is SETPOINT:
+            self._setpoint = sample
+        elif topic is MOTOR_STATES:
+            if self._setpoint is not None and self._loop.player.start_time:
+                self._keep(sample, self._setpoint)
+        elif self._cycles and (motor := self._loop.motors.get(topic.name)) is not None:
+            self._cycles[-1].torque[motor] = sample.effort
+
+    def _keep(self, states: JointStateSample, setpoint: JointStateSample) -> None:
+        plant, estimate = self._loop.machine.plant, self._estimator.newest
+        self._cycles.append(
+            _Cycle(
+                states.stamp_ns,
+                setpoint.position - states.position,
+                setpoint.velocity - states.velocity,
+                plant.tensions(),
+                self._feedforward.newest.tensions,
+                np.full(states.position.shape, np.nan),
+                estimate.published.mass,
+                estimate.valid,
+                plant.payload.mass,
+            )
+        )

@@ -1,0 +1,290 @@
+"""The robot in simulated time: the product's own drivers, devices and plant, and between them the model of the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from cspr_control.closed_loop.machine import Answer, Publish
+from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.cycle_clock import CycleClock
+from cspr_drivers.drives.master import DriveMaster
+from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.errors import DriverError
+from cspr_drivers.load_cells.master import LoadCellMaster
+from cspr_drivers.nodes.driver_messages import (
+    bus_status,
+    drive_diagnostics,
+    drive_states,
+    load_cell_diagnostics,
+    load_cell_states,
+)
+from cspr_drivers.simulation.bus.simulated_bus import SimulatedBus
+from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
+from cspr_drivers.simulation.devices.node import EmulatedNode
+from cspr_drivers.simulation.fault_injection import FaultInjector
+from cspr_drivers.simulation.plant.plant import Plant
+from cspr_drivers.simulation.plant.shared import SharedPlant
+from cspr_drivers.simulation.robot_emulator import emulated_devices
+from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_kinematics import Payload
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    DIAGNOSTICS,
+    DRIVE_STATES,
+    LOAD_CELL_STATES,
+    MOTOR_STATES,
+    Topic,
+    cable_names,
+)
+from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.samples import Status, StatusArray
+
+TICK = 0.002  # s between two looks of a device at its time-outs and its brake
+_STATE_PERIOD = 0.02  # s; how soon a change of state is published
+_WATCH_PERIOD = 0.5  # s; how often the heartbeats of the load cells are looked at
+_PLANT_LAG = 0.01  # s; at this distance the plant follows time where no SYNC moves it on
+_PATIENCE = 10.0  # s for the devices to be set up
+_NONE = np.empty(0)
+
+
+class SimulatedRobot:
+    """Drivers, buses, devices and plant; a `Machine`.
+
+    Parameters
+    ----------
+    time
+        Its time.
+    can_config
+        Buses and devices.
+    simulation
+        The true machine.
+    eds
+        Directory of the EDS files.
+
+    Attributes
+    ----------
+    drives, load_cells
+        The driver's masters.
+    devices, amplifiers
+        The emulated drives and amplifiers.
+    faults
+        Puts faults into devices and buses.
+    on_tick
+        Called every `TICK`.
+    log
+        Lines of the driver.
+    """
+
+    def __init__(
+        self, time: SimulatedTime, can_config: CanConfig, simulation: SimulationConfig, eds: Path
+    ) -> None:
+        self.time = time
+        self.config = can_config
+        self.plant = Plant(simulation)
+        self.machine = SharedPlant(self.plant, simulation.payload_changes, time)
+        self.devices, self.amplifiers = emulated_devices(can_config, simulation, self.machine, eds)
+        self._buses = {
+            bus.name: SimulatedBus(bus.name, bus.bitrate, time, self._sync) for bus in can_config.buses
+        }
+        self._nodes: tuple[EmulatedNode, ...] = (*self.devices, *self.amplifiers)
+        buses = [drive.bus for drive in can_config.drives] + [cell.bus for cell in can_config.load_cells]
+        for bus, node in zip(buses, self._nodes, strict=True):
+            self._buses[bus].network.add_node(node)
+        self._conversion_time = simulation.load_cells.conversion_time
+        timings = {name: line.timing for name, line in self._buses.items()}
+        self.faults = FaultInjector(self.devices, self.amplifiers, self.machine, timings)
+        self.publish: Publish = lambda topic, sample: None
+        self.on_tick: Callable[[], None] = lambda: None
+        self.log: list[str] = []
+        self._published: dict[Topic, tuple[object, float]] = {}
+        self._cables = cable_names(len(can_config.load_cells))
+        for node in self._nodes:
+            node.power_on()
+        for line in self._buses.values():
+            time.add(line)
+            line.timing.passed(time.monotonic() + 1.0)  # the devices booted before the driver came
+        self._make_driver()
+        time.every(can_config.period, self._cycle)
+        time.every(TICK, self._tick)
+        time.every(_STATE_PERIOD, self._publish_states)
+        time.every(_WATCH_PERIOD, self._watch)
+        time.every(1.0, self._report)
+
+    # The machine
+
+    def begin(self) -> None:
+        """Start both masters and let them set up all devices."""
+        self.load_cells.start()
+        self.drives.start()
+        ready = self.time.wait_until(
+            lambda: (
+                self.drives.states()[0].value == "disabled"
+                and not self.load_cells.snapshot(self.time.monotonic()).not_configured
+            ),
+            _PATIENCE,
+        )
+        if not ready:
+            raise DriverError(f"the devices are not ready: {self.drives.states()[:2]}, {self.log[-3:]}")
+
+    def command(self, index: int, stamp_ns: int, torque: float) -> None:
+        """Give a drive its torque, N m."""
+        if self.driver_runs:
+            self.drives.command(index, stamp_ns, torque)
+
+    def call(self, service: str) -> Answer:
+        """Answer a service of the driver."""
+        if not self.driver_runs:
+            return Answer(False, "the driver does not answer")
+        drives = self.drives
+        commands: dict[str, Callable[[], str | None]] = {
+            "/can_drives/enable": drives.enable,
+            "/can_drives/disable": drives.disable,
+            "/can_drives/quick_stop": partial(drives.quick_stop, "quick stop commanded"),
+            "/can_drives/fault_reset": drives.fault_reset,
+        }
+        refusal = commands[service]()
+        return Answer(refusal is None, refusal or "accepted")
+
+    def change_payload(self, payload: Payload, stamp_ns: int) -> None:
+        """Let the platform carry another payload from a moment on, ns of ROS time."""
+        self.machine.change_payload(payload, self.machine.from_system_time(stamp_ns * 1e-9))
+
+    def close(self) -> None:
+        """End the driver."""
+        self.faults.clear()
+        self._end_driver()
+
+    # The driver
+
+    @property
+    def driver_runs(self) -> bool:
+        """Whether the driver does anything: a process that was stopped neither hears, nor sends, nor answers."""
+        return all(line.driver_listens for line in self._buses.values())
+
+    @driver_runs.setter
+    def driver_runs(self, runs: bool) -> None:
+        for line in self._buses.values():
+            line.driver_listens = runs
+
+    def kill_driver(self) -> None:
+        """Let the driver end from one moment to the next, as by SIGKILL: it sends nothing more."""
+        self.driver_runs = False
+        for line in self._buses.values():
+            line.cut_off()
+        self._end_driver()
+
+    def restart_driver(self) -> None:
+        """Start another driver in place of the one that was killed."""
+        self._make_driver()
+        self.driver_runs = True
+        self.begin()
+
+    def _make_driver(self) -> None:
+        """Open the driver's ends of the buses, and make the two masters."""
+        self.ports = CanPorts([line.open() for line in self._buses.values()])
+        self.drives = DriveMaster(
+            self.config, self.ports, self._publish_motors, self.log.append, _SimulatedCycleClock
+        )
+        self.load_cells = LoadCellMaster(self.config, self.ports, self._publish_tensions, self.log.append)
+
+    def _end_driver(self) -> None:
+        self.time.end_tasks()
+        self.ports.close()
+
+    def _cycle(self) -> None:
+        clock = self.drives.cycle_clock
+        if clock.running and self.driver_runs:
+            clock.tick(self.time.monotonic())
+
+    # What it publishes
+
+    def _publish_motors(self, states: MotorStates) -> None:
+        angles, speeds, torques = map(np.array, (states.angles, states.speeds, states.torques))
+        self.publish(MOTOR_STATES, JointStateSample(states.stamp_ns, angles, speeds, torques))
+
+    def _publish_tensions(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
+        self.publish(CABLE_TENSIONS, JointStateSample(stamp_ns, _NONE, _NONE, np.array(tensions)))
+
+    def _publish_states(self) -> None:
+        if not self.driver_runs:
+            return
+        now = self.time.monotonic()
+        if self._is_due(DRIVE_STATES, self.drives.states(), now):
+            self._publish_statuses(DRIVE_STATES, drive_states(self.drives.snapshot()))
+        problems = self.load_cells.problems(now)
+        if self._is_due(LOAD_CELL_STATES, problems, now):
+            self._publish_statuses(LOAD_CELL_STATES, load_cell_states(self._cables, problems))
+
+    def _is_due(self, topic: Topic, state: object, now: float) -> bool:
+        """Return whether a state is to be published: when it has changed, and once a second."""
+        before, since = self._published.get(topic, (None, -1.0))
+        if state == before and now - since < 1.0:
+            return False
+        self._published[topic] = (state, now)
+        return True
+
+    def _report(self) -> None:
+        if self.driver_runs:
+            now = self.time.monotonic()
+            self._publish_statuses(
+                DIAGNOSTICS,
+                [
+                    *drive_diagnostics(self.drives.snapshot()),
+                    *load_cell_diagnostics(self._cables, self.load_cells.snapshot(now)),
+                    *(bus_status("can_drives", port) for port in self.ports),
+                ],
+            )
+
+    def _publish_statuses(self, topic: Topic, statuses: Sequence[Status]) -> None:
+        self.publish(topic, StatusArray(self.time.system_ns(), tuple(statuses)))
+
+    def _watch(self) -> None:
+        if self.driver_runs:
+            self.load_cells.watch(self.time.monotonic())
+
+    # The devices
+
+    def _sync(self, network: object) -> None:
+        """Let the devices of a network measure, and answer."""
+        moment = self.machine.now()
+        self.machine.advance(moment, exactly=True)
+        for drive in self.devices:
+            if drive.network is network:
+                drive.sync(moment)
+        cells = [cell for cell in self.amplifiers if cell.network is network]
+        for cell in cells:
+            cell.latch()
+        self.time.at(self.time.monotonic() + self._conversion_time, partial(self._answer, cells))
+
+    def _answer(self, cells: Sequence[LoadCellEmulator]) -> None:
+        for cell in cells:
+            cell.answer(self.machine.now())
+
+    def _tick(self) -> None:
+        moment = self.machine.now()
+        self.machine.advance(moment - _PLANT_LAG)
+        for node in self._nodes:
+            node.tick(moment)
+        self.on_tick()
+
+
+class _SimulatedCycleClock(CycleClock):
+    """A cycle clock without a thread: simulated time calls `tick`."""
+
+    _runs = False
+
+    def start(self) -> None:
+        self._runs = True
+
+    def stop(self) -> None:
+        self._runs = False
+
+    @property
+    def running(self) -> bool:
+        return self._runs

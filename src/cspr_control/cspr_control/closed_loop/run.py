@@ -1,0 +1,141 @@
+"""A run of the closed loop from a scenario: what the demo does live, in simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from cspr_control.closed_loop.bag import LoopBag
+from cspr_control.closed_loop.bare_plant import BarePlant
+from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
+from cspr_control.closed_loop.machine import Machine
+from cspr_control.closed_loop.record import LoopRecord, LoopRecorder
+from cspr_control.closed_loop.robot import SimulatedRobot
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_control.parameters.control_settings import control_settings
+from cspr_control.reference.catalogue import make_trajectory
+from cspr_control.reference.point_to_point import PointToPoint
+from cspr_control.reference.trajectory import Trajectory
+from cspr_drivers.errors import DriverError
+from cspr_kinematics import Payload, Pose
+from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
+
+_MEASURING = 2.0  # s for the load to be measured before the trajectory begins
+_SETTLING = 1.5  # s after the end of the trajectory, or after a fault
+_STEP = 0.1  # s between two words about the progress
+
+Progress = Callable[[str, float], None]
+"""Told what goes on, and the simulated time, s."""
+
+
+def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
+    """Make the closed loop of a scenario; it has not begun."""
+    robot = scenario.read_robot()
+    settings = control_settings(robot, scenario.read_parameters())
+    time, simulation = SimulatedTime(), scenario.read_machine()
+    machine: Machine
+    if scenario.devices:
+        machine = SimulatedRobot(time, scenario.read_buses(), simulation, scenario.config / "eds")
+    else:
+        machine = BarePlant(time, simulation, settings.period)
+    return ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)
+
+
+def run(
+    scenario: Scenario, bag: Path | None = None, progress: Progress = lambda step, time: None
+) -> LoopRecord:
+    """Enable the robot, let it follow the trajectory, stop it, and return what happened.
+
+    Parameters
+    ----------
+    scenario
+        The run.
+    bag
+        Where all that is published is recorded, if anywhere; must not exist yet.
+    progress
+        Told of what goes on.
+
+    Raises
+    ------
+    ControlError, cspr_kinematics.KinematicsError, cspr_msgs_py.errors.MessagesError
+        If a file of the configuration is not what it must be, the bag cannot be written, or a fault that nobody planned
+        stopped the robot.
+    """
+    began = process_time()
+    try:
+        loop = closed_loop(scenario)
+        recorder = LoopRecorder(loop)
+        begin = loop.time.monotonic()
+        with ExitStack() as opened:
+            opened.callback(loop.machine.close)
+            if bag is not None:
+                opened.enter_context(LoopBag(bag, scenario, loop))
+            _operate(loop, scenario, progress)
+    except DriverError as error:
+        raise ClosedLoopError(str(error)) from error
+    return recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
+
+
+def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> None:
+    """Do what an operator does, from switching on to switching off."""
+    begin = loop.time.monotonic()
+
+    def pause(step: str, duration: float, done: Callable[[], bool] = lambda: False) -> bool:
+        end = loop.time.monotonic() + duration
+        while not done() and loop.time.monotonic() < end:
+            progress(step, loop.time.monotonic() - begin)
+            loop.time.wait_until(done, min(_STEP, end - loop.time.monotonic()))
+        return done()
+
+    progress("starting", 0.0)
+    loop.begin()
+    loop.enable()
+    pause("measuring the load", _MEASURING, lambda: loop.state is RobotState.FAULT)
+    _start(loop, scenario)
+    player = loop.player
+
+    def over() -> bool:
+        return loop.state is RobotState.FAULT or player.phase.at_rest
+
+    moving = (player.end_time - loop.time.system_ns()) * 1e-9
+    if scenario.duration is not None:
+        pause("moving", (player.start_time - loop.time.system_ns()) * 1e-9 + scenario.duration, over)
+        loop.order("/trajectory_publisher/stop")
+    pause("moving", moving + 1.0, over)
+    if loop.state is RobotState.FAULT and not scenario.faults:
+        raise ClosedLoopError(f"the robot stopped: {loop.cause}")
+    if player.phase is not TrajectoryPhase.FINISHED and scenario.duration is None and not loop.cause:
+        raise ClosedLoopError(f"the trajectory was not followed to its end: {player.interruption}")
+    pause("settling", _SETTLING)
+    loop.order("/supervisor/stop")
+    pause("stopping", _SETTLING, lambda: loop.state in (RobotState.DISABLED, RobotState.FAULT))
+
+
+def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:
+    """Begin the trajectory, and plan what happens on it."""
+    player, settings = loop.player, loop.settings
+
+    def make(present: Pose) -> Trajectory:
+        trajectory = make_trajectory(scenario.trajectory, loop.robot, present, settings.trajectory.options)
+        if scenario.phase is not None:
+            approach = PointToPoint(present, trajectory.sample(0.0).pose, player.limits)
+            player.dwell += (-scenario.phase - approach.duration - player.dwell) % settings.period
+        return trajectory
+
+    loop.play(make)
+    mass = scenario.payload
+    for added in sorted(scenario.added, key=lambda added: added.time):
+        mass += added.mass
+        stamp = player.start_time + round(added.time * 1e9)
+        loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
+    for planned in scenario.faults:
+        order = loop.machine.faults.read(planned.fault)
+        delay = planned.time + (player.start_time - loop.time.system_ns()) * 1e-9
+        loop.time.at(loop.time.monotonic() + delay, partial(loop.machine.faults.inject, order))

@@ -1,0 +1,114 @@
+"""Let every fault happen in simulated time: what it is called, how soon the brakes hold, how far the load sinks."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cspr_control.closed_loop.fault_scenarios import PAYLOAD, SCENARIOS, Bench, FaultScenario, Outcome
+from cspr_control.closed_loop.loop import ClosedLoopError
+from cspr_control.errors import ControlError
+from cspr_kinematics import KinematicsError
+from cspr_msgs_py.errors import MessagesError
+from cspr_msgs_py.json_file import write_json
+from cspr_msgs_py.programs.command_line import program_parser
+
+DESCRIPTION = f"""\
+Let faults happen to a simulated robot, in simulated time, and print what becomes of each as a table.
+
+Each one happens to a robot that holds {PAYLOAD:g} kg still, and to one that moves them level, at the speed of
+control.yaml. It must end held, brakes closed, latched, with a named cause; then the operator resets and enables the
+robot. The table shows the cause, how the robot came to rest, the time until all brakes hold, the height lost until
+then, and the lowest tension of a cable."""
+EPILOG = """\
+examples:
+  cspr faults                               all of them, some minutes; the table of docs/operation.md
+  cspr faults "drive silent" "bus cut"      two of them
+  cspr faults --json faults.json            numbers for another program
+
+exit status: 0 every fault ended as it must, 1 one did not, or nothing could be simulated, 2 wrong arguments"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of a fault, held still and in motion; None where it cannot happen, in words where it ended wrong."""
+
+    fault: str
+    held: Outcome | str | None
+    moving: Outcome | str | None
+
+    def __str__(self) -> str:
+        """Return the row of the table."""
+        both = (self.held, self.moving)
+        outcomes = [outcome for outcome in both if isinstance(outcome, Outcome)]
+        cause = way = ""
+        for outcome in outcomes:
+            cause = outcome.cause
+            way = "along the path" if outcome.controlled else "quick stop"
+            way += ", then quick stop" if outcome.controlled and "; then " in cause else ""
+        lowest = max(0.0, min((outcome.lowest_tension for outcome in outcomes), default=math.inf))
+        cells = (
+            f"{1e3 * o.duration:.0f} | {1e3 * max(o.drop, 0.0):.1f}"
+            if isinstance(o, Outcome)
+            else o or "- | -"
+            for o in both
+        )
+        return f"| {self.fault} | {cause} | {way} | {' | '.join(cells)} | {lowest:.0f} |"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Print the table; returns the exit status."""
+    options = _parse(sys.argv[1:] if args is None else args)
+    bench = Bench(options.config)
+    rows = []
+    try:
+        print("| fault | cause on `/robot_state` | stop | held: brakes, ms | height, mm ", end="")
+        print("| moving: brakes, ms | height, mm | lowest tension, N |")
+        print("|---|---|---|---|---|---|---|---|", flush=True)
+        for scenario in (s for s in SCENARIOS if s.name in (options.faults or [s.name])):
+            rows.append(Row(scenario.name, *(_outcome(bench, scenario, moving) for moving in (False, True))))
+            print(rows[-1], flush=True)
+        if options.json is not None:
+            write_json(options.json, rows)
+    except KeyboardInterrupt:
+        print("faults: interrupted", file=sys.stderr)
+        return 130
+    except (ControlError, KinematicsError, MessagesError, OSError) as error:
+        print(f"faults: {error}", file=sys.stderr)
+        return 1
+    finally:
+        bench.close()
+    return int(any(isinstance(outcome, str) for row in rows for outcome in (row.held, row.moving)))
+
+
+def _outcome(bench: Bench, scenario: FaultScenario, moving: bool) -> Outcome | str | None:
+    if not (scenario.moving if moving else scenario.held):
+        return None
+    try:
+        return bench.outcome(scenario, moving)
+    except ClosedLoopError as failure:
+        return f"FAILED: {failure}"
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    names = [scenario.name for scenario in SCENARIOS]
+    epilog = EPILOG + "\n\nfaults:\n" + "\n".join(f"  {name}" for name in names)
+    parser = program_parser("faults", DESCRIPTION, epilog, json="the numbers of the table")
+    parser.add_argument("faults", nargs="*", metavar="FAULT", help="which; default: all")
+    parser.add_argument(
+        "--config", type=Path, default=Path("config"), metavar="DIR",
+        help="directory of the configuration; default: %(default)s",
+    )  # fmt: skip
+    options = parser.parse_args(arguments)
+    for name in options.faults:
+        if name not in names:
+            parser.error(f"there is no fault {name!r}; there are {', '.join(names)}")
+    return options
+
+
+if __name__ == "__main__":
+    sys.exit(main())
