@@ -18,9 +18,9 @@ from cspr_kinematics.arrays import (
 )
 from cspr_kinematics.errors import InvalidInputError
 
-# Rounding allowance, relative to the largest element, in the tests of what an inertia must be.
+# Allowance for rounding in the checks of an inertia, relative to its largest element.
 _INERTIA_TOLERANCE = 1e-9
-# Where the elements of an inertia tensor stand among the inertial parameters.
+# Indices of the elements of an inertia tensor among the inertial parameters.
 _TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
@@ -69,8 +69,8 @@ class RigidBody(_MassProperties):
     Raises
     ------
     InvalidInputError
-        If the mass is not positive, a value is not finite or has another shape, or the inertia is one that
-        no body can have.
+        If the mass is not positive, a value is not finite or has another shape, or no body can
+        have the inertia.
     """
 
     inertia: FloatArray
@@ -87,13 +87,13 @@ class RigidBody(_MassProperties):
 
     @classmethod
     def from_inertial_parameters(cls, parameters: ArrayLike) -> RigidBody:
-        """Build the body that has given inertial parameters (10,), the inverse of `inertial_parameters`.
+        """Build the body with the given inertial parameters (10,); the inverse of `inertial_parameters`.
 
         Raises
         ------
         InvalidInputError
-            If no body has them: mass or principal moments are not positive, or two moments add to less than
-            the third.
+            If no body has them: mass or principal moments are not positive, or two moments add up to less
+            than the third.
         """
         pi = single("inertial parameters", parameters, 10)
         mass = positive_number("mass", pi[0])
@@ -109,9 +109,9 @@ class Payload(_MassProperties):
     Attributes
     ----------
     mass : float
-        Mass, kg; zero for nothing.
+        Mass, kg; zero for no payload.
     center_of_mass : numpy.ndarray, shape (3,)
-        Its place from the platform's origin in platform axes, m.
+        Position from the platform's origin in platform axes, m.
 
     Raises
     ------
@@ -149,6 +149,6 @@ def _inertia(name: str, value: ArrayLike) -> FloatArray:
         raise InvalidInputError(
             name,
             value,
-            f"no body has this inertia: of the principal moments {shown} two add to less than the third",
+            f"no body has this inertia: two of the principal moments {shown} add up to less than the third",
         )
     return inertia
