@@ -224,7 +224,7 @@ def test_a_chosen_list(tmp_path: Path, context: Context, executor, start) -> Non
     # nor does it come to be; a recorder of the test before may be remembered for a moment
     spin_until(executor, lambda: command.get_subscription_count() == 0)
     (status,) = recorder._status()
-    assert from_diagnostic_status(status)[3]["no message yet"] == "/never"
+    assert status.values["no message yet"] == "/never"
     recorder.make_safe()
     with Bag(tmp_path / "bag") as bag:
         assert bag.topics.keys() <= {"/motor_states", "/later", "/events"}
