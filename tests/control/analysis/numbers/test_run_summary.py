@@ -24,7 +24,7 @@ from cspr_control.analysis.recording import Window
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 from cspr_control.errors import ControlError
 
-from .conftest import CONFIG
+from ..conftest import CONFIG
 
 WINDOW = Window("trajectory", 0.0, 10.0)
 CYCLE = CycleMetrics(250.0, 4.0, 4.2, 8.0, 0, WINDOW, 2500, 1, 400.0, 900.0, 2100.0)

@@ -11,7 +11,7 @@ from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.row import NodeParameter
 from cspr_msgs_py.parameters.table import TABLE, defaults, known_parameter, node_parameters, parameter_values
 
-CONTROL_FILE = Path(__file__).parents[2] / "config" / "control.yaml"
+CONTROL_FILE = Path(__file__).parents[3] / "config" / "control.yaml"
 ROWS = [pytest.param(node, row, id=f"{node}.{row.name}") for node, rows in TABLE.items() for row in rows]
 
 

@@ -12,7 +12,7 @@ import pytest
 from cspr_control.analysis.numbers.tables import format_runs, row_texts
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 
-from .conftest import CONFIG, POSITION_ERROR, TENSION_ERROR, Motion
+from ..conftest import CONFIG, POSITION_ERROR, TENSION_ERROR, Motion
 
 
 def test_motor_errors_are_those_that_were_recorded(run: RunAnalysis) -> None:

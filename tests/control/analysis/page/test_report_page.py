@@ -10,8 +10,8 @@ import pytest
 from cspr_control.analysis.report import write_report
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 
+from ..conftest import CONFIG
 from .browser import Browser, find_chromium, running_browser
-from .conftest import CONFIG
 
 CHROMIUM = find_chromium()
 pytestmark = pytest.mark.skipif(
