@@ -287,7 +287,7 @@ class Diagnostics:
     ----------
     node : Node
     callback : callable
-        Returns the statuses to publish, see :func:`cspr_msgs_py.conversions.diagnostic_status`.
+        Returns the statuses to publish, see :func:`cspr_msgs_py.wire.conversions.diagnostic_status`.
     """
 
     def __init__(self, node: Node, callback: Callable[[], Iterable[DiagnosticStatus]]) -> None:
