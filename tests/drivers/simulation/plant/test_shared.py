@@ -16,7 +16,7 @@ def test_frame_stamps_become_plant_time(clock, noted_plant):
     clock.time += 0.25
     assert machine.time_at(stamp) == pytest.approx(0.0)
     assert machine.time_at(clock.system()) == pytest.approx(0.25)
-    assert machine.to_system_time(machine.from_system_time(stamp)) == pytest.approx(stamp)
+    assert machine.from_system_time(stamp) == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("stamp", [0.0, 123.4, 1.7e9 + 5000.0])

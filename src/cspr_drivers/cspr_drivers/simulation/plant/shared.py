@@ -179,10 +179,6 @@ class SharedPlant:
         """Return the plant time, s, of a moment on the system clock, s since 1970."""
         return stamp - self._system_start
 
-    def to_system_time(self, time: float) -> float:
-        """Return the moment on the system clock, s since 1970, of a plant time."""
-        return time + self._system_start
-
     def time_at(self, stamp: float) -> float:
         """Return the plant time, s, at which a frame with this time stamp was on the bus."""
         time = stamp - self._system_start

@@ -18,7 +18,7 @@ from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import TABLE
 from cspr_msgs_py.vocabulary import Controller
 
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 SCENARIO = Scenario(
     Controller.STATIC, False, "smooth-18", 30.0, AddedPayload(10.0, 2.0), realtime=True, speed=1.0
 )

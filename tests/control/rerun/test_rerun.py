@@ -28,7 +28,7 @@ from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
 
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
 LENGTH = 2.2  # s

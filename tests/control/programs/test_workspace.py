@@ -11,7 +11,7 @@ import pytest
 from cspr_control.programs.workspace import main
 from cspr_kinematics import Workspace
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robot.yaml")
+ROBOT = str(Path(__file__).parents[3] / "config" / "robot.yaml")
 COARSE = ["--robot", ROBOT, "--spacing", "0.5", "--quiet"]
 
 

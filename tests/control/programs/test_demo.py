@@ -11,7 +11,7 @@ import pytest
 
 from cspr_control.programs.demo import main
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(autouse=True)

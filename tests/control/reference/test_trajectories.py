@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import TrajectoryError
-from cspr_control.euler_motion import euler_motion
 from cspr_control.reference.catalogue import TrajectoryName, make_trajectory
 from cspr_control.reference.paper import TILT, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
@@ -95,24 +94,6 @@ def test_tilt_is_five_degrees_about_x_and_y_at_the_switch():
     np.testing.assert_allclose(trajectory.sample(10.0).pose.rotation, np.eye(3), atol=1e-12)
     level = paper_19(CENTER)
     np.testing.assert_array_equal(level.sample(3.3).pose.position, trajectory.sample(3.3).pose.position)
-
-
-def test_euler_motion_with_all_three_angles(rng):
-    coefficients = rng.normal(size=(3, 3))
-
-    def sample(t):
-        angles = coefficients @ [1.0, t, t**2]
-        rates = coefficients @ [0.0, 1.0, 2.0 * t]
-        accelerations = coefficients @ [0.0, 0.0, 2.0]
-        return euler_motion(np.zeros(3), np.zeros(3), np.zeros(3), angles, rates, accelerations)
-
-    pose, twist, acceleration = sample(0.4)
-    np.testing.assert_allclose(pose.rotation, Pose.from_euler(np.zeros(3), *pose.euler).rotation, atol=1e-12)
-    h = 1e-5
-    omega = rotation_vector(sample(0.4 + h)[0].rotation, sample(0.4 - h)[0].rotation) / (2 * h)
-    np.testing.assert_allclose(twist.angular, omega, atol=1e-8)
-    alpha = (sample(0.4 + h)[1].angular - sample(0.4 - h)[1].angular) / (2 * h)
-    np.testing.assert_allclose(acceleration.angular, alpha, atol=1e-8)
 
 
 @pytest.mark.parametrize("make", [paper_18, paper_19, paper_19_tilt])

@@ -281,7 +281,7 @@ def test_feedforward_reports_its_margins_and_changes_the_tension_method(bench, r
 
 
 def test_feedforward_has_no_centroid_for_many_cables(bench):
-    twelve = Path(__file__).parents[1] / "kinematics" / "robot" / "twelve_cables.yaml"
+    twelve = Path(__file__).parents[2] / "kinematics" / "robot" / "twelve_cables.yaml"
     with pytest.raises(ControlError, match="centroid"):
         FeedforwardNode(**bench.options(robot_config=str(twelve), tension_method="centroid"))
 

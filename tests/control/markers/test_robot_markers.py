@@ -27,7 +27,7 @@ from cspr_kinematics import Payload, Pose, Robot, inverse_kinematics
 from cspr_kinematics.kinematics.inverse import cable_lengths
 from cspr_msgs_py.topics import BASE_FRAME, ROBOT_MARKERS, graph_topics
 
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 VIEWS = CONFIG / "views"
 POSE = Pose.from_euler([0.3, -0.2, 1.2], 0.2, -0.1, 0.15)
 
