@@ -13,7 +13,7 @@ import numpy as np
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.demo.scenario import AddedPayload
+from cspr_control.parameters.experiment import AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.vocabulary import Controller
 

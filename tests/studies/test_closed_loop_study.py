@@ -11,8 +11,8 @@ from studies.live_agreement import Agreement, LiveRun
 
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
+from cspr_control.parameters.experiment import AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Robot

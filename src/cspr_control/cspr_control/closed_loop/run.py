@@ -130,10 +130,8 @@ def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:
         return trajectory
 
     loop.play(make)
-    mass = scenario.payload
-    for added in sorted(scenario.added, key=lambda added: added.time):
-        mass += added.mass
-        stamp = player.start_time + round(added.time * 1e9)
+    for time, mass in scenario.loads():
+        stamp = player.start_time + round(time * 1e9)
         loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
     for planned in scenario.faults:
         order = loop.machine.faults.read(planned.fault)

@@ -13,11 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-import yaml
-
-from cspr_control.errors import ControlError, SettingError
+from cspr_control.errors import ControlError
 from cspr_control.estimation.payload import UPDATE_PERIOD
 from cspr_control.parameters.settings import estimator_settings, feedforward_settings
+from cspr_control.programs.arguments import parameter
 from cspr_control.rerun.bag import write_rerun
 from cspr_control.rerun.comparison import (
     Comparison,
@@ -39,9 +38,8 @@ from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates
-from cspr_msgs_py.errors import MessagesError, ParameterError
+from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.parameters.table import known_parameter
 from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 
 NODES = ("mass_estimator", "feedforward")
@@ -70,10 +68,11 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the re-run; returns the exit status."""
     parser = _parser()
     options = parser.parse_args(args)
-    try:
-        changes = _changes(options.set, options.nodes)
-    except ControlError as error:
-        parser.error(str(error))
+    changes: dict[str, dict[str, Any]] = {node: {} for node in options.nodes}
+    for node, name, value in options.set:
+        if node not in changes:
+            parser.error(f"--set: {node} is not among the nodes to re-run: {', '.join(options.nodes)}")
+        changes[node][name] = value
     errors = (ControlError, KinematicsError, MessagesError)
     return run_program("rerun", lambda: _run(options, changes), errors, "nothing was written")
 
@@ -199,7 +198,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("bag", metavar="BAG", help="directory of a bag, or an .mcap file")
     add(
-        "--set", action="append", default=[], metavar="NODE.PARAMETER=VALUE",
+        "--set", type=parameter(NODES), action="append", default=[], metavar="NODE.PARAMETER=VALUE",
         help="a parameter of mass_estimator or feedforward; may be given several times",
     )  # fmt: skip
     add(
@@ -213,34 +212,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--config", metavar="DIR", help="configuration to use instead of the one in the bag")
     add("--output", metavar="DIR", help="must not exist yet; default: rerun, rerun-2 ... beside the bag")
     return parser
-
-
-def _changes(arguments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the given parameters by node; raises SettingError for what cannot be one."""
-    changes: dict[str, dict[str, Any]] = {node: {} for node in nodes}
-    for argument in arguments:
-        name, separator, text = argument.partition("=")
-        node, dot, parameter = name.partition(".")
-        if not separator or not dot:
-            raise SettingError(
-                f"--set {argument}: NODE.PARAMETER=VALUE is needed, as in mass_estimator.time_constant=0.2"
-            )
-        if node not in NODES:
-            raise SettingError(f"--set {argument}: {node!r} is not a node that is re-run: {', '.join(NODES)}")
-        if node not in changes:
-            raise SettingError(
-                f"--set {argument}: {node} is not among the nodes to re-run: {', '.join(nodes)}"
-            )
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            value = text
-        try:
-            row = known_parameter(node, parameter)
-            changes[node][parameter] = row.checked(value) if row else value
-        except ParameterError as error:
-            raise SettingError(f"--set {argument}: {error}") from error
-    return changes
 
 
 def _output(given: str | None, source: Path) -> Path:
