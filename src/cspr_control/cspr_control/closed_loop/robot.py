@@ -132,10 +132,11 @@ class SimulatedRobot:
         if not ready:
             raise DriverError(f"the devices are not ready: {self.drives.states()[:2]}, {self.log[-3:]}")
 
-    def command(self, index: int, stamp_ns: int, torque: float) -> None:
-        """Give a drive its torque, N m."""
+    def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
+        """Give drives their torques, N m."""
         if self.driver_runs:
-            self.drives.command(index, stamp_ns, torque)
+            for command in commands:
+                self.drives.command(*command)
 
     def call(self, service: str) -> Answer:
         """Answer a service of the driver."""

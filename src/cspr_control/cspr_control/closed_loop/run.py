@@ -29,7 +29,7 @@ from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
 _MEASURING = 2.0  # s for the load to be measured before the trajectory begins
 _SETTLING = 1.5  # s after the end of the trajectory, or after a fault
-_STEP = 0.1  # s between two words about the progress
+_STEP = 0.02  # s between two looks at what goes on
 
 Progress = Callable[[str, float], None]
 """Told what goes on, and the simulated time, s."""
@@ -91,7 +91,7 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
         end = loop.time.monotonic() + duration
         while not done() and loop.time.monotonic() < end:
             progress(step, loop.time.monotonic() - begin)
-            loop.time.wait_until(done, min(_STEP, end - loop.time.monotonic()))
+            loop.time.wait(min(_STEP, end - loop.time.monotonic()))
         return done()
 
     progress("starting", 0.0)
