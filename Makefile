@@ -90,7 +90,8 @@ lint: $(READY)
 	@echo "== ruff and mypy"
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
-	$(VENV)/bin/mypy $(foreach p,$(PACKAGES),-p $(p))
+	$(VENV)/bin/mypy $(foreach p,$(PACKAGES) benchmarks studies,-p $(p))
+	$(VENV)/bin/mypy docs/robot_picture.py
 
 bench: $(READY) $(BENCH_READY)
 	@echo "== benchmarks"

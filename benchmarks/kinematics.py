@@ -30,7 +30,7 @@ _BATCH_CHAIN = f"the same, batch of {BATCH}, one thread"
 _WARM = "forward kinematics, from 1 cm away"
 _TWO_THREADS = f"the same, batch of {BATCH}, tensions on two threads"
 _IMPORT = "import of the package"
-AIMS = {_CHAIN: 35.0, _BATCH_CHAIN: 5.0, _TWO_THREADS: 3.5, _WARM: 25.0}
+AIMS = {_CHAIN: 35.0, _BATCH_CHAIN: 4.0, _TWO_THREADS: 3.0, _WARM: 25.0}
 
 
 def compare(robot: Robot, title: str, with_numpy: bool) -> None:

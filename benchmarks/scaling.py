@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -44,8 +45,8 @@ def growth_with_cables() -> None:
         closest, center = own("closest")(m), own("analytic_center")(m)
         rows.append(
             [
-                microseconds(lambda r=robot, s=single: chain(r, *s), 400),
-                microseconds(lambda r=robot, x=lengths, g=near: solve_forward_kinematics(r, x, g), 40) / 1000,
+                microseconds(partial(chain, robot, *single), 400),
+                microseconds(partial(solve_forward_kinematics, robot, lengths, near), 40) / 1000,
                 time_of(closest, within),
                 most_steps(within),
                 time_of(closest, beyond),
@@ -75,10 +76,10 @@ def growth_with_poses() -> None:
         A = np.resize(np.stack([A for A, _ in problems]), (n, 6, 8))
         w = np.resize(np.stack([w for _, w in problems]), (n, 6))
         all_of_it, tensions = (
-            [1e6 / n * seconds(lambda t=t, f=f: f(t), perf_counter) for t in (1, 2)]
-            for f in (
-                lambda t, b=batch: chain(robot, *b, threads=t),
-                lambda t, A=A, w=w: distribute_tensions(A, w, LOW, HIGH, "closest", threads=t),
+            [1e6 / n * seconds(partial(call, threads=threads), perf_counter) for threads in (1, 2)]
+            for call in (
+                partial(chain, robot, *batch),
+                partial(distribute_tensions, A, w, LOW, HIGH, "closest"),
             )
         )
         cells = [f"{one:>12.2f}{two:>12.2f}{one / two:>8.2f}" for one, two in (all_of_it, tensions)]

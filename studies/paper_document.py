@@ -106,9 +106,9 @@ def _simulation_statements(results: TensionResults, robot: Robot) -> list[tuple[
         ),
         (
             "Coriolis effect, centrifugal force and turning add to the deviation",
-            f"the 5° about x and y change it by {turning:.2f} N at most while the platform accelerates, and are all "
-            f"of it after: {late:.2f} N",
-            "the platform turns slowly and is small; the acceleration does nearly all",
+            f"the 5° about x and y change it by {turning:.2f} N at most while the platform accelerates, and are "
+            f"the whole deviation after that: {late:.2f} N",
+            "the platform turns slowly and is small; the acceleration accounts for nearly all of it",
         ),
         (
             "Fig. 10: after +100 kg at 3 s all deltas are negative",
@@ -156,7 +156,9 @@ def _changing_load(results: LoopResults) -> str:
                 f"{one.settling_time:.2f}",
             )
         )
-    return _table(("controller", "RMS, deg", "maximum, deg", "mass error, kg", "settled to 2 % in, s"), rows)
+    return _table(
+        ("controller", "RMS, deg", "maximum, deg", "mass error, kg", "settled to 2 % after, s"), rows
+    )
 
 
 def _experiment_statements(results: LoopResults) -> list[tuple[str, ...]]:
@@ -190,7 +192,7 @@ def _experiment_statements(results: LoopResults) -> list[tuple[str, ...]]:
             "the measured tensions are compared with the simulated ones",
             f"RMS {np.mean(tensions[0]):.1f} N between them along smooth-19, "
             f"{np.mean(tensions[1]):.0f} N along (19), with 200 kg",
-            "no number is given to compare with; along (19) the jumps slacken cables",
+            "the paper gives no number to compare with; along (19) the jumps slacken cables",
         ),
         (
             "Fig. 11: the errors of the static model are high, up to 15°",
@@ -207,7 +209,7 @@ def _experiment_statements(results: LoopResults) -> list[tuple[str, ...]]:
             "the dynamic model does better than the static one, because the mass is compensated",
             f"with the nominal mass {blind['static']:.2f}° (static) and {blind['pdff']:.2f}° (dynamic), with the exact "
             f"one {exact['static']:.2f}° and {exact['pdff']:.2f}° (smooth-19, 200 kg)",
-            "it is the mass: the dynamics of these slow trajectories count for little",
+            "the mass makes the difference: the dynamics of these slow trajectories matter little",
         ),
         (
             "PDFF with the estimated mass performs like PDFF with the exact one",
@@ -219,7 +221,7 @@ def _experiment_statements(results: LoopResults) -> list[tuple[str, ...]]:
             f"{start:.0f}° and {switch:.0f}°, {error[calm].max():.0f}° elsewhere (PDFF + mass, 200 kg)",
             _verdict(
                 min(start, switch) > 2.0 * error[calm].max(),
-                "there the printed trajectory changes its velocity in an instant",
+                "there the velocity of the printed trajectory jumps",
             ),
         ),
         (
@@ -230,8 +232,8 @@ def _experiment_statements(results: LoopResults) -> list[tuple[str, ...]]:
         (
             "the mass estimate is compared with the actual mass",
             f"+100 kg: within 2 % after {estimate.settling_time:.2f} s, {estimate.mass_error:+.2f} kg at the end",
-            "no number is given to compare with; the estimate is of use during the trajectory, which the paper leaves "
-            "to future work",
+            "the paper gives no number to compare with; here the estimate is used during the trajectory, which the "
+            "paper leaves to future work",
         ),
     ]
 
@@ -265,7 +267,7 @@ def agreement_block(agreement: Agreement) -> dict[str, str]:
             f"{tolerance.MASS_TOLERANCE:g}",
         ),
         (
-            "settled to 2 % in, s",
+            "settled to 2 % after, s",
             f"{live.settling_time:.2f}",
             f"{agreement.settling_time:.2f}",
             f"{agreement.settling_deviation:+.2f}",
@@ -275,7 +277,7 @@ def agreement_block(agreement: Agreement) -> dict[str, str]:
     case = live.scenario
     more = "".join(f" and {added.mass:g} kg more at {added.time:g} s" for added in case.added)
     text = (
-        f"`{live.name}` on {case.trajectory.value}, {case.payload:g} kg aboard{more}; the first set-point came "
+        f"`{live.name}` on {case.trajectory.value}, {case.payload:g} kg from the start{more}; the first set-point came "
         f"{(case.phase or 0.0) * 1e3:.1f} ms after the start, torques {case.reaction_time * 1e3:.1f} ms "
         f"after the states (median), {live.missed:.1%} of the control cycles were missed.\n\n"
     )

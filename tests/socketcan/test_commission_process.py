@@ -34,7 +34,7 @@ def test_interrupted_it_closes_the_brake_and_says_so(bench, walking, number):
     walking.send(number)
     assert walking.wait() == 130
     bench.until(lambda: bench.probe.brakes_open == 0, "a brake is open")
-    assert "interrupted; all brakes are closed. The same command goes on from here" in walking.log.read_text()
+    assert "interrupted; all brakes are closed. The same command resumes from here" in walking.log.read_text()
 
 
 def test_killed_the_drive_misses_its_heartbeat_and_closes_the_brake(bench, walking):

@@ -33,8 +33,18 @@ EXECUTABLES = {
 }
 
 PROGRAMS = {  # what ends by itself, and words that its --help must have
-    "demo": ("--controller", "--exact-mass", "--compare", "--add-payload", "--realtime", "examples:"),
-    "workspace": ("--robot", "--payload"),
+    "demo": (
+        "--controller",
+        "--exact-mass",
+        "--compare",
+        "--add-payload",
+        "--realtime",
+        "--json FILE",
+        "examples:",
+    ),
+    "closed_loop": ("--controller", "--fault", "--bag", "--json FILE", "examples:"),
+    "faults": ("--json FILE", "examples:"),
+    "workspace": ("--robot", "--payload", "--json FILE", "examples:"),
     "analyze": ("BAG", "--output", "--label", "examples:"),
     "rerun": ("BAG", "--set", "--payload", "examples:"),
     "cspr": ("demo", "analyze", "commission"),

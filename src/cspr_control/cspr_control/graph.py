@@ -28,11 +28,11 @@ Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs`
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cspr_control.components.component import Call, Component, Output, Publication
+from cspr_control.components.component import Call, Component, Output, Outputs, Publication
 from cspr_control.components.feedforward import FeedforwardComponent
 from cspr_control.components.motor import MotorComponent
 from cspr_control.components.payload import PayloadComponent
@@ -81,7 +81,7 @@ class ControlGraph:
         self.components: dict[str, Component] = {}
         self.inputs: dict[str, Topic] = {}
         self._heard_instead = heard_instead or {}
-        self._routes: dict[str, list[Any]] = {}
+        self._routes: dict[str, list[Callable[[float, Any], Outputs]]] = {}
         self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
         self._services: dict[str, Any] = {}
         self._due: list[_Due] | None = None
@@ -106,6 +106,14 @@ class ControlGraph:
     def services(self) -> tuple[str, ...]:
         """Names of the commands that `call` takes."""
         return tuple(self._services)
+
+    def handlers(self, topic: Topic) -> Sequence[Callable[[float, Any], Outputs]]:
+        """Return what takes the samples of a topic, one for each component that hears it, in their order.
+
+        For who sends each answer at once: it must not wait for those that are less urgent. Components that are added
+        later stand behind.
+        """
+        return self._routes.setdefault(topic.name, [])
 
     def deliver(self, topic: Topic, now: float, sample: Any) -> list[Output]:
         """Give a sample to those that hear the topic, and return what they answer, without feeding it through."""

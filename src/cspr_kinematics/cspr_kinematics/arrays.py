@@ -18,9 +18,9 @@ _DOUBLE = np.dtype(np.float64)
 
 
 class ReadOnlyArrays:
-    """Base of what is immutable: its copies' arrays are read-only too, which numpy itself forgets.
+    """Base class of immutable objects: keeps the arrays of copies read-only, which numpy does not.
 
-    Kernels are compiled for read-only arrays, and would be compiled once more for those of a copy.
+    Kernels are compiled for read-only arrays and would be compiled again for the writable ones of a copy.
     """
 
     def __setstate__(self, state: dict[str, object]) -> None:
@@ -48,14 +48,43 @@ def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
         If the value is not numeric, not finite, or has another shape.
     """
     array = as_floats(name, value, *last_axes)
-    # a fifth of the time of the full test, which overflow of the squares makes necessary now and then
+    # takes a fifth of the time of the full test, which is needed only when the squares overflow
     if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
         raise InvalidInputError(name, value, "not finite")
     return array
 
 
+def single(name: str, value: ArrayLike, *shape: int) -> FloatArray:
+    """Return `value` as a finite array of exactly this shape, a copy that cannot be written.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not numeric, not finite, or has another shape.
+    """
+    array = checked(name, value, *shape)
+    if array.ndim != len(shape):
+        needed = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+        raise InvalidInputError(name, value, f"shape {array.shape} where ({needed}) is needed")
+    return frozen(array)
+
+
+def for_each_cable(name: str, value: ArrayLike, m: int) -> FloatArray:
+    """Return one number for each of m cables, (m,), from a number for all or m of them; a copy that cannot be written.
+
+    Raises
+    ------
+    InvalidInputError
+        If the value is not numeric, not finite, or has another shape.
+    """
+    array = checked(name, value)
+    if array.shape not in ((), (m,)):
+        raise InvalidInputError(name, value, f"shape {array.shape} where () or ({m},) is needed")
+    return frozen(np.broadcast_to(array, (m,)))
+
+
 def as_floats(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
-    """Return `value` as a float array like `checked`, finite or not, for callers that test it themselves.
+    """Return `value` as a float array, finite or not; for callers that check that themselves.
 
     Raises
     ------
@@ -66,7 +95,7 @@ def as_floats(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
         array = np.asarray(value)
         if array is not value or array.dtype != _DOUBLE:
             array = _real_numbers(value, array)
-        if not array.flags.aligned:  # a view of bytes, such as those of a message; BLAS may crash on one
+        if not array.flags.aligned:  # such as a view of a message's bytes; BLAS may crash on one
             array = array.copy()
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(name, value, f"not an array of numbers ({error})") from error
@@ -79,7 +108,7 @@ def as_floats(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
 def _real_numbers(value: ArrayLike, array: NDArray[Any]) -> FloatArray:
     """Return `array`, which was made of `value`, in double precision; missing values as not-a-number.
 
-    numpy itself would read text, drop imaginary parts, and take what stands under the mask of a masked array.
+    numpy itself would parse text, drop imaginary parts, and ignore the mask of a masked array.
     """
     if array.dtype.kind not in "fiubO":
         raise TypeError(f"of type {array.dtype}")
@@ -89,7 +118,7 @@ def _real_numbers(value: ArrayLike, array: NDArray[Any]) -> FloatArray:
 
 
 def frozen(array: FloatArray) -> FloatArray:
-    """Copy `array` into contiguous memory of its own that cannot be written."""
+    """Return a contiguous, read-only copy of `array`."""
     copy = np.array(array, order="C")
     copy.setflags(write=False)
     return copy

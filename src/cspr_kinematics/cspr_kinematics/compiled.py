@@ -42,20 +42,20 @@ def kernel(function: _Function) -> _Function:
     try:
         compiled.enable_caching()
         _stamp_with_sources(compiled)
-    except RuntimeError:  # no directory to write to
+    except RuntimeError:  # no writable directory
         if not _without_cache:
             logger.warning(
                 "cspr_kinematics: its kernels will be compiled in every process, because neither %s nor the user's "
-                "cache directory can be written; name one that can: NUMBA_CACHE_DIR=DIRECTORY",
+                "cache directory is writable; name one that is: NUMBA_CACHE_DIR=DIRECTORY",
                 _PACKAGE,
             )
         _without_cache.append(function.__name__)
-    # To the type checker a kernel is the function it was made from.
+    # To the type checker, a kernel is the function that it was made from.
     return compiled  # type: ignore[no-any-return]
 
 
 def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
-    """Return `array` with `shape`, C-contiguous and read-only: the type for which kernels are compiled."""
+    """Return `array` with `shape`, C-contiguous and read-only, the one type for which kernels are compiled."""
     view = array.reshape(shape)
     flags = view.flags
     if flags.writeable or not flags.c_contiguous:
@@ -66,7 +66,7 @@ def kernel_input(array: FloatArray, *shape: int) -> FloatArray:
 
 def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar]:
     """Return a result (n, ...) of a kernel with the batch axes `batch` in place of n, read-only."""
-    # taking the only member is quicker than reshaping, but makes a number of a vector
+    # taking the only member is quicker than reshaping, but turns a vector into a number
     alone = not batch and array.ndim > 1
     result: NDArray[_Scalar] = array[0] if alone else array.reshape(batch + array.shape[1:])
     result.setflags(write=False)
@@ -76,8 +76,8 @@ def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar
 def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least: int = 1) -> None:
     """Run `work(first, after_last)` over range(count), in equal parts of at least `least` on several threads.
 
-    Kernels hold no interpreter lock, so that threads scale to as many cores. Plain threads, because those of
-    OpenMP do not survive a fork and numba's own must not be entered twice at a time.
+    Kernels release the interpreter lock, so threads use as many cores. These are plain threads, because those
+    of OpenMP do not survive a fork and numba's own must not be entered twice at a time.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least:
 
 @functools.cache
 def _digest_of_sources(module: Path) -> str:
-    """Digest of the source of a module of kernels and of those from which it takes others."""
+    """Digest of the sources of a kernel module and of all kernel modules that it imports from."""
     sources: dict[Path, str] = {}
     pending = [module]
     while pending:
@@ -108,10 +108,10 @@ def _digest_of_sources(module: Path) -> str:
 
 
 def _stamp_with_sources(compiled: Any) -> None:
-    """Make the cached code of a kernel stale when a kernel that it calls has changed.
+    """Invalidate the cached code of a kernel when a kernel that it calls changes.
 
-    numba looks at the file of the kernel itself, and would go on using what was inlined from another one. It
-    offers no public way to say so; where its internals differ from what is expected its own rule remains.
+    numba checks the kernel's own file only, and would keep using what it inlined from another one. It offers no
+    public way to change that; should its internals differ from what is expected, its own rule applies.
     """
     cache_file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if cache_file is not None and hasattr(cache_file, "_source_stamp"):
@@ -121,7 +121,7 @@ def _stamp_with_sources(compiled: Any) -> None:
 
 
 class _CompilationNotice(event.Listener):  # type: ignore[misc]
-    """Says once that kernels are being compiled, because the first call then takes seconds."""
+    """Logs once that kernels are being compiled, because the first call then takes seconds."""
 
     def __init__(self) -> None:
         self._said = False
@@ -131,15 +131,15 @@ class _CompilationNotice(event.Listener):  # type: ignore[misc]
         if not self._said and function.__module__.startswith("cspr_kinematics."):
             self._said = True
             when = "in every process" if _without_cache else "once after installation"
-            later = "" if _without_cache else ", and later starts find them in the cache"
+            later = "" if _without_cache else ", and later starts load them from the cache"
             logger.warning(
-                "cspr_kinematics: compiling its kernels for this machine, %s; this takes some seconds%s",
+                "cspr_kinematics: compiling its kernels for this machine, %s; this takes a few seconds%s",
                 when,
                 later,
             )
 
     def on_end(self, event: Any) -> None:
-        """Nothing to say at the end."""
+        """Do nothing; the base class requires it."""
 
 
 event.register("numba:compile", _CompilationNotice())

@@ -1,4 +1,4 @@
-"""What can go wrong in the kinematics, each error with the data that explains it."""
+"""Errors of the kinematics, each with the data that explains it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 
 class KinematicsError(Exception):
-    """Root of all errors raised by this package; they pass from process to process with their data."""
+    """Base class of all errors raised by this package; they can be pickled without losing their data."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Exceptions are restored from their message, for which the constructors here do not ask.
+        # Exceptions are unpickled from their message, which is not what the constructors here take.
         return _restored, (type(self), self.args, self.__dict__)
 
 
@@ -75,7 +75,7 @@ class CableReachError(InvalidInputError):
     fault : str
         Why.
     cable : int
-        Number of the cable as on topics, 1..m; of several the first.
+        Number of the cable as on topics, 1..m; the first if there are several.
     position : numpy.ndarray, shape (3,)
         Position of the platform there, in base, m.
     rotation : numpy.ndarray, shape (3, 3)
@@ -103,7 +103,7 @@ class CableReachError(InvalidInputError):
 
 
 class SingularWrenchMatrixError(KinematicsError):
-    """The cables cannot resist some wrench, or hold some motion, in the first order.
+    """The cables cannot balance some wrench, or cannot prevent some motion to first order.
 
     Attributes
     ----------
@@ -143,8 +143,8 @@ class ForwardKinematicsError(KinematicsError):
     converged : numpy.ndarray of bool, shape (...)
         Which members of the batch were solved.
     slack : numpy.ndarray, shape (..., m)
-        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero. Where
-        it cannot be told which one is slack, all that may be.
+        By how much each slack cable is longer than its path, m; zero for the others. Where it cannot be told
+        which cable is slack, every candidate has a value.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""Compile, or load from the cache, what a control cycle needs, before the first cycle asks for it.
+"""Compile, or load from the cache, the kernels of a control cycle before the first cycle needs them.
 
-`python -m cspr_kinematics.warm_up ROBOT_FILE` does so after an installation, when compiling takes a minute.
+`python -m cspr_kinematics.warm_up ROBOT_FILE` does so after an installation; compiling takes about a minute.
 """
 
 from __future__ import annotations
@@ -8,9 +8,12 @@ from __future__ import annotations
 import sys
 from time import perf_counter
 
+import numpy as np
+
 from cspr_kinematics.dynamics.dynamics import balance_regressor, required_wrench, static_wrench
 from cspr_kinematics.kinematics.forward import forward_kinematics
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
+from cspr_kinematics.motion.motion import motion_from_euler
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot.robot import Robot
 from cspr_kinematics.tensions.distribute import bounded_methods, distribute_tensions
@@ -18,8 +21,9 @@ from cspr_kinematics.workspace.wrench_set import available_wrenches
 
 
 def warm_up(robot: Robot) -> None:
-    """Run each function of a control cycle once, at the home pose, with every choice that may be made meanwhile."""
+    """Run each function of a control cycle once, at the home pose, with every method that may be selected later."""
     home = Pose.from_quaternion(robot.home.position, robot.home.quaternion)
+    motion_from_euler(home.position, np.zeros(3), np.zeros(3), home.euler, np.zeros(3), np.zeros(3))
     cables, limits = inverse_kinematics(robot, home), (robot.tension_min, robot.tension_max)
     required_wrench(robot, home, Twist.zero(), Acceleration.zero())
     wrench = static_wrench(robot, home)
@@ -37,7 +41,7 @@ def main() -> int:
     start = perf_counter()
     robot = Robot.from_yaml(sys.argv[1])
     warm_up(robot)
-    balance_regressor(robot.home, Twist.zero(), Acceleration.zero())  # asked for when a run is analysed
+    balance_regressor(robot.home, Twist.zero(), Acceleration.zero())  # needed when a run is analysed
     print(f"kernels of cspr_kinematics are ready ({perf_counter() - start:.1f} s)")
     return 0
 

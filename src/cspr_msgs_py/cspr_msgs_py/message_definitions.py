@@ -2,7 +2,7 @@
 
 The text is that of the ``.msg`` files, with their comments and constants: viewers show the name of a constant in
 place of its number. These files are not part of every installation; without them the text is rebuilt from the Python
-class, which knows all that concerns the bytes of a message.
+class, which has everything that determines the bytes of a message.
 """
 
 import importlib
@@ -83,7 +83,7 @@ def definition_file(package: str, name: str) -> Path | None:
 
 
 def _field_type(kind: str) -> tuple[str, str | None]:
-    """Return a field's type in the definition language, and the message type that it brings in."""
+    """Return a field's type in the definition language, and the message type that it refers to."""
     if match := re.fullmatch(r"sequence<(.+?)(?:, (\d+))?>", kind):
         element, bound = match.groups()
         text, nested = _field_type(element)

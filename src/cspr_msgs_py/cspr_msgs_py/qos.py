@@ -1,4 +1,4 @@
-"""Quality-of-service profiles of rclpy: for the topics of the table, and to and from those in a bag."""
+"""Quality-of-service profiles of rclpy: for the topics of the table, and those in a bag."""
 
 from collections.abc import Sequence
 
@@ -89,5 +89,5 @@ def replay_profile(offered: Sequence[OfferedQos], depth: int = 10) -> QoSProfile
 
 
 def _depth(offered: Sequence[OfferedQos]) -> int:
-    """Return how many states a latched topic gives to who comes late: one a publisher if nobody says."""
+    """Return how many messages a latched topic gives to late subscribers: one for each publisher if unknown."""
     return sum(max(profile.depth, 1) for profile in offered)

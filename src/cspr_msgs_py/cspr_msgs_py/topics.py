@@ -91,7 +91,7 @@ def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str)
 
 
 def _latched(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
-    """Return a topic of states: everyone has the present one, whenever they joined."""
+    """Return a topic of states: everyone has the current one, whenever they join."""
     return Topic(name, type, Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, 1, rate, writer, content)
 
 
@@ -162,7 +162,7 @@ DRIVE_STATES = _latched(
     DIAGNOSTIC_ARRAY,
     Rate.ON_CHANGE,
     "can_drives",
-    "also once a second: first the driver as a whole, then one status a motor: message = CiA 402 state; "
+    "also once a second: first the driver as a whole, then one status for each motor: message = CiA 402 state; "
     "values: brake, error_code, statusword",
 )
 RECORDER_STATE = _latched(
@@ -177,8 +177,8 @@ LOAD_CELL_STATES = _latched(
     DIAGNOSTIC_ARRAY,
     Rate.ON_CHANGE,
     "load_cells",
-    "also once a second: first the driver as a whole (message: ok or fault; values: cause), then one status a cable: "
-    "message = ok, or what is wrong with its load cell",
+    "also once a second: first the driver as a whole (message: ok or fault; values: cause), then one status for each "
+    "cable: message = ok, or what is wrong with its load cell",
 )
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
 ROBOT_MARKERS = _reliable(
@@ -193,7 +193,7 @@ EVENTS = _reliable(
     STRING,
     Rate.ON_REQUEST,
     "*",
-    "text of something worth finding again in a recording, at the time of its arrival; anybody may publish one",
+    "text that marks a moment in a recording, at the time of its arrival; anyone may publish one",
 )
 SIMULATED_PAYLOAD = _stream(
     "/simulation/payload",

@@ -88,7 +88,7 @@ class FeedforwardModel(StrEnum):
 
     - NONE: nothing, the PD controllers do all the work.
     - STATIC: the weight.
-    - DYNAMIC: weight, inertia and centrifugal wrench (MODEL section 4).
+    - DYNAMIC: weight, inertia and centrifugal wrench (docs/model.md, section 4).
     """
 
     NONE = "none"

@@ -216,7 +216,7 @@ def test_a_cable_that_cannot_reach_its_pulley_is_named(robot_with_pulleys: Robot
     inside = robot.exit_points[3] + [0.05, 0.0, 0.01] - robot.anchor_points[3]
     poses = Pose(np.stack((robot.home.position, inside)), np.eye(3))
     for call in (inverse_kinematics, cable_lengths):
-        with pytest.raises(CableReachError, match=r"cable 4: cannot reach its pulley.*\[1\]") as caught:
+        with pytest.raises(CableReachError, match=r"cable 4: it cannot reach its pulley.*\[1\]") as caught:
             call(robot, poses)
         assert caught.value.cable == 4
         assert caught.value.index == (1,)

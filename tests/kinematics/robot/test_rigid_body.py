@@ -41,7 +41,7 @@ def test_parameters_no_body_can_have_are_refused(parameters: np.ndarray) -> None
         ([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "not symmetric"),
         (np.diag([1.0, 1.0, 0.0]), "not all positive"),
         (np.diag([1.0, 1.0, -1.0]), "not all positive"),
-        (np.diag([1.0, 1.0, 2.1]), "add to less than the third"),
+        (np.diag([1.0, 1.0, 2.1]), "add up to less than the third"),
         (np.diag([1.0, np.nan, 1.0]), "not finite"),
         (np.ones(3), "shape"),
         (np.ones((2, 3, 3)), "shape"),

@@ -102,7 +102,7 @@ def test_unknown_key(write: Callable[[str, Any], Path], key: str) -> None:
         ("platform.mass", None, "must be a finite number"),
         ("platform.inertia", [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "not symmetric"),
         ("platform.inertia", np.diag([1.0, 1.0, -1.0]).tolist(), "not all positive"),
-        ("platform.inertia", np.diag([1.0, 1.0, 3.0]).tolist(), "add to less than the third"),
+        ("platform.inertia", np.diag([1.0, 1.0, 3.0]).tolist(), "add up to less than the third"),
         ("winch.drum_radius", 0.0, "must be positive"),
         ("winch.gear_ratio", -30.0, "must be positive"),
         ("motor.inertia", 0.0, "must be positive"),

@@ -45,14 +45,14 @@ class Configuration:
     robot_file: str
 
     def parsed(self, name: str) -> Any:
-        """Return the content of a YAML file; its text if it is no mapping."""
+        """Return the content of a YAML file; its text if it is not a mapping."""
         return parsed(self.files.get(name, ""))
 
 
 def read_configuration(
     attachments: Mapping[str, bytes], bag: Path, robot_file: Path | None, directory: Path
 ) -> tuple[Configuration, tuple[str, ...]]:
-    """Take the configuration out of a bag, and compare it with the files on disk.
+    """Read the configuration from a bag, and compare it with the files on disk.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def read_configuration(
     Returns
     -------
     configuration, remarks
-        Remarks say in one line each what differs.
+        Remarks that say what differs, one line each.
 
     Raises
     ------

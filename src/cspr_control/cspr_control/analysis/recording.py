@@ -49,7 +49,7 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a bag holds of one run; a topic that it does not have, or no message of, is None.
+    """What a bag holds of one run; None for a topic that it lacks or has no message of.
 
     Columns are in the order of their stamps, joints in the order of the robot's motors.
 
@@ -145,8 +145,8 @@ class Recording:
 class RobotClock:
     """Turns the recorder's times into those of the robot.
 
-    Messages bear the robot's time; a simulated robot may run slower than the clock on the wall. What bears no time of
-    its own is placed by when it arrived among the motor states.
+    Messages carry the robot's time; a simulated robot may run slower than the wall clock. Messages without a time of
+    their own are placed by when they arrived among the motor states.
     """
 
     def __init__(self, states: JointStates) -> None:
@@ -164,7 +164,7 @@ class RobotClock:
 
 
 def find_bag(path: Path) -> Path:
-    """Return the bag that a path means: a bag itself, or the one inside the directory of a run."""
+    """Return the bag that a path stands for: a bag itself, or the one inside the directory of a run."""
     inside = path / "bag"
     return inside if inside.is_dir() and not any(path.glob("*.mcap")) else path
 

@@ -76,7 +76,7 @@ def _description(runs: Sequence[RunAnalysis], packer: Packer) -> dict[str, Any]:
     windows = [run.recording.window for run in runs]
     whole = [run.recording.seconds(run.recording.states.time_ns[[0, -1]]) for run in runs]
     tensions = [run.recording.tensions.effort for run in runs if run.recording.tensions is not None]
-    # a peak of a moment may leave the scale: the colours are for what lasts
+    # a momentary peak may exceed the scale: the colours show what lasts
     scale = max((1.1 * float(np.quantile(t, 0.95)) for t in tensions if t.size), default=robot.tension_max)
     recorded = datetime.fromtimestamp(runs[0].recording.origin_ns * 1e-9, UTC)
     many = f"{len(runs)} runs" if len(runs) > 1 else controller_title(runs[0].name)
@@ -235,7 +235,7 @@ def _cycles(run: RunAnalysis) -> dict[str, Any] | None:
 
 
 def _configuration_differences(runs: Sequence[RunAnalysis]) -> list[str]:
-    """Return where the configurations of several runs differ from the first one's, a line a file."""
+    """Return where the configurations of several runs differ from the first one's, one line for each file."""
     first = runs[0].recording.configuration
     lines = []
     for run in runs[1:]:

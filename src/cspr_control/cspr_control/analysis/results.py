@@ -27,7 +27,7 @@ class Results:
 
 
 def default_directory(bags: Sequence[Path]) -> Path:
-    """Return where results go if nobody says: beside the first bag."""
+    """Return where results go by default: beside the first bag."""
     return bags[0].resolve().parent / ("analysis" if len(bags) == 1 else "comparison")
 
 
@@ -43,7 +43,7 @@ def write_results(
     figures: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Results:
-    """Write what there is to say about runs into a directory; results of the same name there are replaced.
+    """Write all results about runs into a directory; results of the same name there are replaced.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One run, read and computed: what figures, report and tables are made of."""
+"""One analysed run: what figures, report and tables are made of."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class RunAnalysis:
     Attributes
     ----------
     name
-        By which it is called beside others: its controller, if no other run has the same.
+        What it is called beside other runs: its controller, if no other run has the same.
     recording : Recording
     errors : MotorErrors or None
     predicted : PredictedTensions or None

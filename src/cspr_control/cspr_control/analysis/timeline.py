@@ -1,4 +1,4 @@
-"""What happened when: states of the robot, trajectories, faults and marked events, from the words in a bag."""
+"""What happened when: states of the robot, trajectories, faults and marked events, from the messages in a bag."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class EventKind(Enum):
 
 @dataclass(frozen=True)
 class Status:
-    """One ``diagnostic_msgs/DiagnosticStatus``: who says it, what, and values by their keys."""
+    """One ``diagnostic_msgs/DiagnosticStatus``: who says it, what is said, and values by their keys."""
 
     name: str
     message: str
@@ -58,7 +58,7 @@ class Span:
 
 @dataclass(frozen=True)
 class TrajectoryRun:
-    """One trajectory that was followed: from its start to its end, or to where it was broken off; ns."""
+    """One trajectory that was followed: from its start to its end, or to where it was aborted; ns."""
 
     name: str
     start_ns: int
@@ -88,7 +88,7 @@ class Timeline:
 
 
 def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
-    """Read the words of a bag; topics that it does not have are left out.
+    """Read the status messages of a bag; topics that it lacks are left out.
 
     Parameters
     ----------
@@ -155,10 +155,10 @@ def _trajectories(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[
         if status.message not in UNDER_WAY or start == 0 or (runs and runs[-1].start_ns == start):
             continue
         left = next((entry for entry in statuses[index + 1 :] if entry[1].message not in UNDER_WAY), None)
-        if left is not None and left[1].message != TrajectoryPhase.FINISHED:  # broken off
+        if left is not None and left[1].message != TrajectoryPhase.FINISHED:  # aborted
             end = min(end, left[0])
         end = min(end, end_ns)
-        if end > start:  # not one that was broken off on the way to its start
+        if end > start:  # not one that was aborted on the way to its start
             runs.append(TrajectoryRun(status.values.get("trajectory", ""), start, end))
     return tuple(runs)
 

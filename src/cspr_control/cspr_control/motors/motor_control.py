@@ -1,4 +1,4 @@
-"""The controller of one motor (MODEL section 5).
+"""The controller of one motor (section III and eq. 14 of the paper).
 
 Eight of these answer every bus cycle: plain floats, no arrays.
 """

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -70,22 +69,25 @@ class Wiring:
         for service in component.calls:
             self._clients[service] = node.create_client(Trigger, service)
         for topic in self.graph.add(component):
-            decode = _decoder(topic, number_of_motors)
-            subscribe_raw(node, topic, partial(self._on_message, topic, decode))
+            decode, handlers = _decoder(topic, number_of_motors), self.graph.handlers(topic)
+            subscribe_raw(node, topic, partial(self._on_message, topic, decode, handlers))
         for service, command in component.services().items():
             node.create_service(Trigger, service, partial(self._on_command, command))
         for timer in component.timers():
             steady_timer(node, timer.period, partial(self._on_timer, timer))
         self._send(component.begin())
 
-    def _on_message(self, topic: Topic, decode: Callable[[Bytes], Any], message: bytes) -> None:
+    def _on_message(
+        self, topic: Topic, decode: Callable[[Bytes], Any], handlers: Sequence[Any], message: bytes
+    ) -> None:
         now = self._monotonic()
         try:
             sample = decode(message)
         except MessageError as error:
             self.graph.refuse(topic, str(error))
             return
-        self._send(self.graph.deliver(topic, now, sample))
+        for handle in handlers:
+            self._send(handle(now, sample))
 
     def _on_timer(self, timer: Timer) -> None:
         self._send(timer.run(self._monotonic()))
@@ -102,19 +104,22 @@ class Wiring:
         return response
 
     def _send(self, outputs: Outputs) -> None:
-        waiting = deque(outputs)
-        while waiting:
-            output = waiting.popleft()
+        unheard: list[Call] = []
+        for output in outputs:
             if isinstance(output, Publication):
                 topic, sample = output
                 publish, encode = self._senders[topic.name]
                 if topic is DIAGNOSTICS:
                     sample = sample._replace(stamp_ns=self._system_ns())
                 publish(encode(sample))
-            elif isinstance(output, Call):
-                waiting += self._call(output)
-            else:
+            elif isinstance(output, Remark):
                 self._log(output)
+            elif (client := self._clients[output.service]).service_is_ready():
+                client.call_async(Trigger.Request()).add_done_callback(partial(self._on_answer, output))
+            else:
+                unheard.append(output)
+        for call in unheard:
+            self._answer(call, False, f"service {call.service} is not available")
 
     def _log(self, remark: Remark) -> None:
         logger = self._nodes[remark.component].get_logger()
@@ -125,22 +130,13 @@ class Wiring:
         else:
             logger.error(remark.text)
 
-    def _call(self, call: Call) -> Outputs:
-        """Call a service; returns what its component makes of it when nobody is there to answer."""
-        client = self._clients[call.service]
-        if not client.service_is_ready():
-            unavailable = f"service {client.srv_name} is not available"
-            return self._component(call).answered(self._monotonic(), call, False, unavailable)
-        client.call_async(Trigger.Request()).add_done_callback(partial(self._on_answer, call))
-        return ()
-
     def _on_answer(self, call: Call, future: Future) -> None:
         answer = future.result()
-        component = self._component(call)
-        self._send(component.answered(self._monotonic(), call, answer.success, answer.message))
+        self._answer(call, answer.success, answer.message)
 
-    def _component(self, call: Call) -> Component:
-        return self.graph.components[call.component]
+    def _answer(self, call: Call, accepted: bool, message: str) -> None:
+        component = self.graph.components[call.component]
+        self._send(component.answered(self._monotonic(), call, accepted, message))
 
     def make_safe(self, component: Component) -> None:
         """Call what a component that is about to end still asks for, and wait for the answer a little."""

@@ -13,9 +13,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.euler_motion import euler_motion
 from cspr_control.reference.quintic import quintic
 from cspr_control.reference.reference_point import ReferencePoint
+from cspr_kinematics import motion_from_euler
 
 TILT = math.radians(5.0)
 """Rotation about x and about y of the tilted variant, rad."""
@@ -97,7 +97,7 @@ class PaperTrajectory:
         time = min(max(time, 0.0), self.duration)
         position, velocity, acceleration = (np.array(row) * _MILLIMETRE for row in self._equation(time))
         angle, rate, angular_acceleration = self._tilt_at(time)
-        motion = euler_motion(
+        motion = motion_from_euler(
             self._center + position,
             velocity,
             acceleration,

@@ -86,7 +86,7 @@ def copied_frame(frame: can.Message) -> can.Message:
 
 
 class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
-    """python-can's virtual bus with a cheaper queue, or with none, and one cheap copy a frame for all receivers.
+    """python-can's virtual bus with a cheaper queue, or with none, and one cheap copy per frame for all receivers.
 
     At some 6,000 frames a second in one interpreter, deep copies, the locks of `queue.Queue` and a change of thread
     for each frame cost more than what is done with the frames.
@@ -130,7 +130,7 @@ class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
 
 
 class _Delivery:
-    """What stands in the place of a receiver's queue and delivers at once."""
+    """Replaces a receiver's queue and delivers at once."""
 
     def __init__(self, handler: Callable[[can.Message], None]) -> None:
         self._handler = handler
@@ -156,7 +156,7 @@ class CanPort:
     unknown_frames, malformed_frames, send_errors, send_retries, bus_errors
         Counts since the bus was opened. Frames of unknown COB-IDs are seen only on interfaces without filters.
     last_problem
-        The newest of what was counted, in words; empty when nothing was.
+        The newest problem that was counted, in words; empty without any.
     failure
         Why the interface takes no frames at all, in words, until one is sent again; empty otherwise.
     """
@@ -167,7 +167,7 @@ class CanPort:
         self.name = name
         self.clock = clock
         self.network = canopen.Network(bus)
-        self.network.NOTIFIER_CYCLE = 0.1  # s; the receiving thread looks this often whether it shall end
+        self.network.NOTIFIER_CYCLE = 0.1  # s; how often the receiving thread checks whether to end
         self.unknown_frames = 0
         self.malformed_frames = 0
         self.send_errors = 0
@@ -188,24 +188,24 @@ class CanPort:
         self._forget_failure()
 
     def subscribe(self, cob_id: int, handler: FrameHandler) -> None:
-        """Let `handler` have the frames of a COB-ID."""
+        """Pass the frames of a COB-ID to `handler`."""
         self._handlers[cob_id] = handler
 
     def unsubscribe(self, cob_id: int) -> None:
-        """Let nobody have the frames of a COB-ID any more."""
+        """Stop passing on the frames of a COB-ID."""
         self._handlers.pop(cob_id, None)
 
     def on_failure(self, handler: Callable[[str], None]) -> None:
-        """Call `handler`, in the receiving thread, with the words for it when the bus carries no frames any more."""
+        """Call `handler`, in the receiving thread, with the reason when the bus no longer carries frames."""
         self._failure_handlers.append(handler)
 
     def off_failure(self, handler: Callable[[str], None]) -> None:
-        """Call a handler no more."""
+        """Stop calling a handler."""
         self._failure_handlers.remove(handler)
 
     @property
     def dropped_frames(self) -> int:
-        """Received frames that the kernel had no room for, since the bus was opened."""
+        """Received frames that the kernel dropped for lack of room, since the bus was opened."""
         return int(getattr(self._bus, "dropped_frames", 0))
 
     @property
@@ -262,7 +262,7 @@ class CanPort:
             self.network.disconnect()
 
     def receive(self, message: can.Message) -> None:
-        """Give a received frame to whom it belongs; called by the receiving thread."""
+        """Pass a received frame to its handler; called by the receiving thread."""
         identifier = message.arbitration_id
         if message.is_error_frame:
             self.bus_errors += 1
@@ -292,7 +292,7 @@ class CanPort:
             self.last_problem = f"receiving: {error}"
             self._forget_failure()
             self._failed(str(error))
-            # An interface that went down fails again at once, for as long as it is down.
+            # An interface that is down fails again at once.
             self._closed.wait(0.1)
 
     def _failed(self, problem: str) -> None:
@@ -300,19 +300,19 @@ class CanPort:
             handler(problem)
 
     def _forget_failure(self) -> None:
-        """Keep canopen from refusing to send for ever after one failure; the next frame may come through."""
+        """Keep canopen from refusing to send forever after one failure; the next frame may get through."""
         if self.network.notifier is not None:
             self.network.notifier.exception = None
 
     def _on_bus(self, timestamp: float) -> float:
         now = self.clock.monotonic()
         then = timestamp + self._wall_to_monotonic
-        # A device without its own stamps, or a wall clock that was set, must not invent ages.
+        # Neither a device without its own stamps nor a wall clock that was set may cause a wrong age.
         return then if now - 1.0 < then < now else now
 
 
 class _Receiver:
-    """What python-can's receiving thread calls for one port."""
+    """Called by python-can's receiving thread, for one port."""
 
     def __init__(self, port: CanPort) -> None:
         self._port = port
@@ -361,7 +361,7 @@ class CanPorts:
         self._sync_locks.append(lock)
 
     def off_sync(self, handler: SyncHandler) -> None:
-        """Call a handler no more."""
+        """Stop calling a handler."""
         if handler in self._sync_handlers:
             place = self._sync_handlers.index(handler)
             del self._sync_handlers[place], self._sync_locks[place]

@@ -1,4 +1,4 @@
-"""Open buses that the drivers of one process share: opened for the first of them, closed after the last."""
+"""Open buses that the drivers of one process share: opened by the first of them, closed after the last."""
 
 from __future__ import annotations
 

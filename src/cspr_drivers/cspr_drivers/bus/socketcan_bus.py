@@ -1,4 +1,4 @@
-"""A SocketCAN interface that filters in the kernel, counts what the kernel had to drop, and comes back.
+"""A SocketCAN interface that filters in the kernel, counts dropped frames, and recovers when the interface comes back.
 
 Sources: Linux kernel documentation, networking/can.rst (raw sockets, filters, error frames); socket(7) (SO_RCVBUF,
 SO_RXQ_OVFL); linux/can/error.h (classes of error frames).
@@ -23,7 +23,7 @@ _FRAME = struct.Struct("=IB3x8s")  # struct can_frame of linux/can.h
 _TIMESTAMP = struct.Struct("@ll")  # struct timespec
 _COUNT = struct.Struct("=I")
 
-# Numbers of Linux that Python's socket module does not name.
+# Linux constants that Python's socket module does not name.
 _SO_RCVBUFFORCE = 33
 _SO_TIMESTAMPNS = 35
 _SO_RXQ_OVFL = 40
@@ -63,7 +63,7 @@ _CLASSES = {
 
 
 class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classes count as untyped
-    """python-can's interface with the options of its socket that a driver needs.
+    """python-can's interface with the socket options that a driver needs.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
         self._clock = clock
         self.dropped_frames = 0
         self._gone = (
-            False  # the interface was removed; the receiving thread takes up the next one of its name
+            False  # the interface was removed; the receiving thread binds to the next one of its name
         )
         self._set_options()
 
@@ -125,7 +125,7 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
             raise can.CanOperationError(error.strerror or str(error), error.errno) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        # The kernel tells once that an interface is gone, and it tells whoever asks first: sender or receiver.
+        # The kernel reports once that an interface is gone, to whoever asks first: sender or receiver.
         if self._gone:
             self._open_again()
         try:

@@ -1,7 +1,7 @@
 """Finite state automaton of a drive (CiA 402-2 / IEC 61800-7-201), as pure functions.
 
-Nothing here remembers anything: the drive keeps its state and reports it in the status word; the driver
-answers each report with the control word that leads one transition closer to where the drive shall be.
+Nothing is remembered here: the drive keeps its state and reports it in the status word; the driver
+answers each report with the control word that leads one transition closer to where the drive should be.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Command(IntEnum):
 
 
 class Target(Enum):
-    """Where a drive shall be led."""
+    """Where a drive is to be led."""
 
     AT_REST = "at_rest"  # switch on disabled, brake closed first
     SWITCHED_ON = "switched_on"  # power on, brake closed

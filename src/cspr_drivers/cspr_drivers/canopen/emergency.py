@@ -1,4 +1,4 @@
-"""The errors that a device has reported by emergency messages and not yet taken back (CiA 301, section 7.2.7)."""
+"""The errors that a device has reported by emergency messages and not yet withdrawn (CiA 301, section 7.2.7)."""
 
 from __future__ import annotations
 

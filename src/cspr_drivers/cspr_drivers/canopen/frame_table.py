@@ -130,7 +130,7 @@ class PdoLayout:
         return self.objects.index(entry)
 
     def encode(self, *values: int) -> bytes:
-        """Return the frame's data for one raw value an object, in the order of `objects`.
+        """Return the frame's data for one raw value per object, in the order of `objects`.
 
         Raises
         ------

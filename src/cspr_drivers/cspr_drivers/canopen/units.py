@@ -26,7 +26,7 @@ class DriveUnits:
     polarity
         +1 when the encoder counts up as the cable is paid out, else -1.
     encoder_increments
-        Increments a revolution of the motor shaft.
+        Increments per revolution of the motor shaft.
     home_counts
         Position value at the home pose, where the motor angle is zero.
     rated_torque

@@ -28,7 +28,7 @@ def velocity_unit(code: int, encoder_increments: int) -> float | None:
     code
         Value of 60A9h.
     encoder_increments
-        Increments a revolution of the motor shaft.
+        Increments per revolution of the motor shaft.
     """
     prefix, numerator, denominator = code >> 24, code >> 16 & 0xFF, code >> 8 & 0xFF
     angles = {_REVOLUTION: 2.0 * math.pi, _INCREMENT: 2.0 * math.pi / encoder_increments, _RADIAN: 1.0}

@@ -55,11 +55,11 @@ def calibrate(readings: Sequence[float], masses: Sequence[float]) -> Calibration
     shown = np.asarray(readings, dtype=float)
     loads = GRAVITY * np.asarray(masses, dtype=float)
     if np.unique(loads).size < 2:
-        raise CalibrationError("two different weights at least are needed; a slack cable counts as 0 kg")
+        raise CalibrationError("at least two different weights are needed; a slack cable counts as 0 kg")
     if np.ptp(shown) < 0.1 * np.ptp(loads):
         raise CalibrationError(
             f"the reading changes by {np.ptp(shown):.1f} N with a load that changes by {np.ptp(loads):.1f} N: "
-            "is the weight on this cable, and the cell in it?"
+            "is the weight on this cable, and is this its load cell?"
         )
     columns = np.column_stack([shown, -np.ones_like(shown)])
     (scale, offset), *_ = np.linalg.lstsq(columns, loads, rcond=None)
@@ -68,6 +68,6 @@ def calibrate(readings: Sequence[float], masses: Sequence[float]) -> Calibration
     if largest > LARGEST_RESIDUAL * loads.max():
         raise CalibrationError(
             f"a point lies {largest:.1f} N off the line, more than {100 * LARGEST_RESIDUAL:g} % of the largest load: "
-            "check the weights, and that they hang free"
+            "check the weights and whether they hang freely"
         )
     return Calibration(float(scale), float(offset), float(np.sqrt(np.mean(residuals**2))), largest)

@@ -87,5 +87,5 @@ def _with_block(text: str, key: str, entries: list[str], source: str) -> str:
     """Return the text with the indented lines below a top-level key replaced."""
     pattern = re.compile(rf"^({key}:[^\n]*\n)((?:[ \t]+[^\n]*\n|[ \t]*\n(?=[ \t]))+)", re.MULTILINE)
     if not pattern.search(text):
-        raise ConfigurationError(f"{source}: {key}: no list below this key, one entry a line, to be replaced")
+        raise ConfigurationError(f"{source}: {key}: found no list with one entry per line to replace")
     return pattern.sub(lambda found: found[1] + "".join(entries), text, count=1)

@@ -1,4 +1,4 @@
-"""What has been found out about a machine so far, kept in a file so that the walk can be taken up again."""
+"""What has been found out about a machine so far, kept in a file so that the walk can be resumed."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _FORM = 1  # of the file; another one is not read
 
 @dataclass
 class WinchFindings:
-    """What is known of one winch; `None` and `False` for what is not known yet.
+    """What is known about one winch; `None` and `False` for what is not known yet.
 
     Attributes
     ----------
     device
         Its drive.
     encoder_increments
-        Increments a revolution of the motor shaft.
+        Increments per revolution of the motor shaft.
     rated_torque
         N m.
     polarity
@@ -49,7 +49,7 @@ class WinchFindings:
 
 @dataclass
 class CellFindings:
-    """What is known of one load cell.
+    """What is known about one load cell.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Findings:
 
 
 def commissioned(config: CanConfig, present: Iterable[FoundDevice]) -> Findings:
-    """Return what a configuration says of those devices that are on the bus, where it has them, and the same ones."""
+    """Return what a configuration says about those of its devices that are on the bus, unchanged."""
     found = {(device.bus, device.node_id): device for device in present}
     findings = Findings()
     for place, drive in enumerate(config.drives, start=1):
@@ -137,7 +137,7 @@ class FindingsFile:
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
             if not isinstance(content, dict) or content.get("form") != _FORM:
-                raise self._unusable("it is of another form")
+                raise self._unusable("it has another format")
             return msgspec.convert(content, Findings, str_keys=True)
         except FileNotFoundError:
             return Findings()
@@ -154,7 +154,7 @@ class FindingsFile:
         self.path.unlink(missing_ok=True)
 
     def _unusable(self, problem: str) -> ConfigurationError:
-        return ConfigurationError(f"{self.path}: cannot be taken up: {problem}; begin anew with --restart")
+        return ConfigurationError(f"{self.path}: cannot be resumed: {problem}; start over with --restart")
 
 
 def replace_file(path: Path, text: str) -> None:

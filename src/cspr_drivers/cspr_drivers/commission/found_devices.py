@@ -1,4 +1,4 @@
-"""Which devices are on the buses, and what they say about themselves."""
+"""Which devices are on the buses, and what they report about themselves."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from cspr_drivers.devices.device import CanopenDevice
 from cspr_drivers.devices.settings import load_cell_tare
 from cspr_drivers.errors import DeviceError
 
-_SAMPLES = 25  # of a reading that counts: a fifth of the noise of one
+_SAMPLES = 25  # of a reading that counts: their mean has a fifth of the noise of one
 _GLANCE = 4  # of one that only has to change
 _LARGEST_ZERO = 5.0  # N that a tared cell may show with a slack cable
 

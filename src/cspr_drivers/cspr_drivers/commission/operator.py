@@ -16,7 +16,7 @@ class WalkStoppedError(DriverError):
 
 
 class Operator(Protocol):
-    """Whoever answers: a person at a terminal, or a file."""
+    """Who answers: a person at a terminal, or a file."""
 
     def tell(self, text: str) -> None:
         """Show a text."""
@@ -42,7 +42,7 @@ class Operator(Protocol):
         Raises
         ------
         ConfigurationError
-            If there is nobody who could give another answer.
+            If nobody could give another answer.
         """
         ...
 
@@ -109,7 +109,7 @@ class FileOperator:
         return text
 
     def refuse(self, key: str, problem: str) -> None:
-        """End the walk: the file would say the same again."""
+        """End the walk: the file would give the same answer again."""
         raise ConfigurationError(f"{self._source}: {key}: {problem}")
 
 

@@ -35,7 +35,7 @@ Walk through a new machine, winch by winch and load cell by load cell, and write
   4 which amplifier is which cable's   8 the difference to the present can.yaml, then the new one
 
 One brake opens at a time, with little torque. Ctrl-C closes it, at any moment. What was found out is kept: the same
-command goes on where it was stopped. The drivers must not run meanwhile."""
+command resumes where it was stopped. The drivers must not run meanwhile."""
 EPILOG = """\
 examples:
   cspr commission                          config/can.yaml of this directory
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return commission(options.config, options.robot, operator, options.torque, options.restart)
     except KeyboardInterrupt:
         print(
-            "\ncommission: interrupted; all brakes are closed. The same command goes on from here",
+            "\ncommission: interrupted; all brakes are closed. The same command resumes from here",
             file=sys.stderr,
         )
         return 130
@@ -156,7 +156,7 @@ def _open(config: CanConfig) -> CanPorts:
 
 
 def _pay_out(robot: Path) -> float:
-    """Return the cable for a radian of the motor, m/rad, of a robot file."""
+    """Return the cable per radian of the motor, m/rad, of a robot file."""
     with as_configuration_error():
         return structured(RobotDescription, read_yaml(robot), str(robot)).winch.ratio
 

@@ -81,7 +81,7 @@ class SingleDrive:
     ) -> None:
         if kind is None:
             self.close_brake()
-        else:  # what went wrong first is what is told; a drive that cannot be reached misses the heartbeat
+        else:  # the first problem is the one reported; a drive that cannot be reached misses the heartbeat
             with contextlib.suppress(DeviceError):
                 self.close_brake()
 
@@ -91,11 +91,11 @@ class SingleDrive:
         Raises
         ------
         DeviceError
-            If the drive does not say in time that it has.
+            If the drive does not report in time that it has.
         """
         self._lead(Target.AT_REST, State.SWITCH_ON_DISABLED)
         if self.brake_open():
-            raise DeviceError(self._device.name, "says that its brake is open, at rest: check brake_open_bit")
+            raise DeviceError(self._device.name, "reports an open brake at rest: check brake_open_bit")
 
     def position(self) -> int:
         """Return the position value, in counts."""
@@ -140,7 +140,7 @@ class SingleDrive:
         if abs(moved) < 0.5 * travel:
             raise DeviceError(
                 self._device.name,
-                f"does not move with {self._limit / 1000.0 * self.rated_torque:g} N m: does its brake open, is the "
+                f"does not move with {self._limit / 1000.0 * self.rated_torque:g} N m: does its brake open, or is the "
                 "cable caught? --torque allows more",
             )
         return moved
@@ -197,12 +197,12 @@ class SingleDrive:
             raise DeviceError(
                 self._device.name,
                 f"has moved {abs(position - begin) / self.encoder_increments:.1f} revolutions instead of "
-                f"{travel / self.encoder_increments:.1f}: the load is more than the torque limit holds",
+                f"{travel / self.encoder_increments:.1f}: the load is more than the torque limit can hold",
             )
         return position
 
     def _lead(self, target: Target, end: State) -> None:
-        """Lead the drive through its states until it reports one of them, brake as it belongs to it."""
+        """Lead the drive through its states until it reports the wanted one, with its brake as it should be."""
         times = self._config.timeouts
         deadline = self._device.clock.monotonic() + (
             times.enable if target is Target.OPERATION_ENABLED else times.stop
@@ -220,8 +220,8 @@ class SingleDrive:
                 brake = "open" if open_ else "closed"
                 raise DeviceError(
                     self._device.name,
-                    f"is in {state.value} with its brake {brake} instead of {end.value}; does brake_open_bit = "
-                    f"{self._config.brake_open_bit} fit it?",
+                    f"is in {state.value} with its brake {brake} instead of {end.value}; is brake_open_bit = "
+                    f"{self._config.brake_open_bit} right?",
                 )
             control = cia402.next_control_word(state, target)
             self._device.write(Parameter(0x6040, 0, 16, control, "controlword"))

@@ -1,4 +1,4 @@
-"""The walk through a new machine: step by step, each result kept at once, so that it can be taken up again."""
+"""The walk through a new machine: step by step, each result kept at once, so that it can be resumed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Machine:
     ports
         The open buses.
     pay_out
-        Cable for a radian of the motor, m/rad.
+        Cable per radian of the motor, m/rad.
     torque_share
         Largest torque of any step, in units of the rated torque.
     """
@@ -106,7 +106,7 @@ class Walk:
         for device in self._present:
             self._ask.tell(f"   {device}")
         for device in self._findings.forget_missing(self._present):
-            self._ask.tell(f"   not there any more, what was known of it is forgotten: {device}")
+            self._ask.tell(f"   not there any more, what was known about it is forgotten: {device}")
         self._keep_commissioned()
         self._save(self._findings)
         wanted = len(self._places)
@@ -115,11 +115,11 @@ class Walk:
             if count != wanted:
                 raise WalkStoppedError(
                     f"{count} {kind} answer, {wanted} are in {config.source}: check supply, termination, bit rate and "
-                    "node ids; two devices of the same node id answer as one"
+                    "node ids; two devices with the same node id answer as one"
                 )
 
     def _keep_commissioned(self) -> None:
-        """Take over what the present file says of devices that it has and that are still the same."""
+        """Keep what the present file says about devices that are still the same."""
         said = commissioned(self._config, self._present)
         winches = {k: v for k, v in said.winches.items() if k not in self._findings.winches}
         cells = {k: v for k, v in said.cells.items() if k not in self._findings.cells}
@@ -128,7 +128,7 @@ class Walk:
         names = [*(f"winch {place}" for place in winches), *(f"cell {place}" for place in cells)]
         if self._ask.yes(
             "keep",
-            f"   {', '.join(names)}: the very devices of {self._config.source}. Keep what it says of them?",
+            f"   {', '.join(names)}: the same devices as in {self._config.source}. Keep what it says about them?",
         ):
             self._findings.winches |= winches
             self._findings.cells |= cells
@@ -136,7 +136,7 @@ class Walk:
     # 2
 
     def identify_winches(self) -> None:
-        """Find out which drive turns which winch, and which way it counts."""
+        """Find out which drive turns which winch, and in which direction it counts."""
         done = {winch.device for winch in self._findings.winches.values()}
         left = [d for d in self._of_profile(cia402.DEVICE_PROFILE) if d not in done]
         if not left:
@@ -163,7 +163,7 @@ class Walk:
                 way = self._ask.choice(f"way.{name}", "   Its cable was", ["paid-out", "taken-up"])
                 break
             if not drive.move(-moved):
-                self._ask.tell("   it did not come back: the load is more than the torque limit lifts")
+                self._ask.tell("   it did not come back: the load is more than the torque limit can lift")
             outwards = moved if way == "paid-out" else -moved
             self._findings.winches[int(seen)] = WinchFindings(
                 device, drive.encoder_increments, drive.rated_torque, polarity=1 if outwards > 0 else -1
@@ -197,7 +197,7 @@ class Walk:
         if abs(measured - expected) > _SCALE_TOLERANCE * abs(expected):
             raise WalkStoppedError(
                 f"cable {place}: {measured:g} mm measured, {expected:.1f} mm by the encoder "
-                f"({winch.encoder_increments} increments a revolution, 608Fh) and winch in robot.yaml: correct 608Fh "
+                f"({winch.encoder_increments} increments per revolution, 608Fh) and winch in robot.yaml: correct 608Fh "
                 "in the drive, or drum_radius and gear_ratio in robot.yaml"
             )
 

@@ -107,7 +107,7 @@ class CanopenDevice:
         self._node.emcy.add_callback(self._emergency)
 
     def release(self) -> None:
-        """Listen to the device no more."""
+        """Stop listening to the device."""
         if self._network.nodes.get(self._node.id) is self._node:
             del self._network[self._node.id]
 
@@ -271,7 +271,7 @@ class CanopenDevice:
             self._on_boot()
 
     def _emergency(self, emergency: canopen.emcy.EmcyError) -> None:
-        self._node.emcy.reset()  # canopen keeps all of them, for ever
+        self._node.emcy.reset()  # canopen keeps all of them forever
         if self._on_emergency is not None:
             self._on_emergency(emergency.code, emergency.register, emergency.data)
 

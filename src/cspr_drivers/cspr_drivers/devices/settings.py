@@ -143,7 +143,7 @@ def unused_load_cell_pdos() -> tuple[Parameter, ...]:
 
 
 def load_cell_tare() -> Parameter:
-    """Return what makes an amplifier take its present value as zero; never repeated on suspicion."""
+    """Return what makes an amplifier take its present value as zero; never repeated after a lost answer."""
     return Parameter(0x6125, 1, 32, cia404.AUTOZERO_SIGNATURE, "AI autozero", repeatable=False)
 
 

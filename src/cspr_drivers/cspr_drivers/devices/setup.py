@@ -1,4 +1,4 @@
-"""Taking a device in: who it is, what it is set to, and what of that has to be written."""
+"""Setting up a device: who it is, how it is set, and what has to be written."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ _POWERED = (
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """What a drive says about itself when it is taken in.
+    """What a drive says about itself when it is set up.
 
     Attributes
     ----------
     rated_current
-        Of its motor, A (6075h); `None` when it does not say.
+        Of its motor, A (6075h); `None` when it does not report it.
     velocity_unit
-        Velocity, rad/s, of one unit of 606Ch; `None` where it is not asked for.
+        Velocity, rad/s, of one unit of 606Ch; `None` where it is not needed.
     emergency_stop
         Whether its input for the emergency stop is active.
     error_code, error_register
-        Its last error (603Fh) and the errors that are present (1001h): messages of before nobody has heard.
+        Its last error (603Fh) and the errors that are present (1001h): nobody has heard the messages sent before.
     written
         Settings that had to be written, 0 when it was configured already.
     """
@@ -60,7 +60,7 @@ class DriveFacts:
 
 
 def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -> DriveFacts:
-    """Bring a drive from wherever it is to NMT operational, or find out why that must not be.
+    """Bring a drive to NMT operational, or find out why it must not be.
 
     A drive that is set up already is only read. One that is not is written to in NMT pre-operational, never while
     its motor is under torque.
@@ -94,12 +94,12 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
 
 @dataclass(frozen=True)
 class LoadCellFacts:
-    """What an amplifier says about itself when it is taken in.
+    """What an amplifier says about itself when it is set up.
 
     Attributes
     ----------
     span
-        Process values between which it measures (9148h, 9149h), both `None` when it does not say.
+        Process values between which it measures (9148h, 9149h), both `None` when it does not report it.
     written
         Settings that had to be written, 0 when it was configured already.
     """
@@ -109,7 +109,7 @@ class LoadCellFacts:
 
 
 def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> LoadCellFacts:
-    """Do the same for an amplifier.
+    """Bring an amplifier to NMT operational, likewise.
 
     Raises
     ------
@@ -143,18 +143,19 @@ def _identify(device: CanopenDevice, identity: Identity | None) -> None:
 
 
 def _rated_current(device: CanopenDevice) -> float | None:
-    """Return the rated current, A; a drive without motor data knows no torque either."""
+    """Return the rated current, A; without motor data a drive cannot scale torque either."""
     entry = Parameter(0x6075, 0, 32, 0, "motor rated current, mA")
     current = device.read_if_present(entry)
     if current == 0:
         raise DeviceError(
-            device.name, f"{entry} is 0: its motor data are not set; set them with the maker's program"
+            device.name,
+            f"{entry} is 0: its motor data are not set; set them with the manufacturer's software",
         )
     return None if current is None else 1e-3 * current
 
 
 def _require_increments(device: CanopenDevice) -> None:
-    """Refuse a drive that counts positions in another unit; one that does not say counts increments."""
+    """Refuse a drive that counts positions in another unit; one that does not report a unit counts increments."""
     entry = Parameter(0x60A8, 0, 32, INCREMENTS, "SI unit position")
     code = device.read_if_present(entry)
     if code is not None and not entry.agrees(code):
@@ -179,7 +180,7 @@ def _velocity_unit(device: CanopenDevice, drive: DriveConfig) -> float:
 
 
 def _emergency_stop(device: CanopenDevice, config: CanConfig) -> bool:
-    """Return the present state of the input, which from now on comes when it changes."""
+    """Return the present state of the input; from now on the drive sends its changes."""
     entry = config.emergency_stop_input
     if entry is None:
         return False
@@ -202,7 +203,7 @@ def _require_no_torque(device: CanopenDevice) -> None:
     state = cia402.decode_state(word)
     if state in _POWERED:
         raise DeviceError(
-            device.name, f"is in {state.value} and not set up: it is set up when it has come to rest"
+            device.name, f"is in {state.value} and not set up: that waits until it has come to rest"
         )
 
 

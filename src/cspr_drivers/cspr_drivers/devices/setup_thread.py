@@ -16,7 +16,7 @@ from cspr_drivers.errors import DeviceError, WrongDeviceError
 RETRY_INTERVAL = 1.0  # s
 
 
-class Commissioning:
+class SetupThread:
     """A thread that configures the devices that need it.
 
     Parameters
@@ -28,7 +28,7 @@ class Commissioning:
     allowed
         Whether devices may be configured now.
     report
-        Told, in one line, of each device that fails (once a cause) and of each that is ready.
+        Told, in one line, of each device that fails (once per cause) and of each that is ready.
     clock
         Clock of the machine.
     """
@@ -56,11 +56,11 @@ class Commissioning:
         self._thread: Thread | None = None
 
     def start(self) -> None:
-        """Begin with all devices."""
-        self._thread = self._clock.start(self._run, "commissioning")
+        """Begin to set up all devices."""
+        self._thread = self._clock.start(self._run, "device set-up")
 
     def stop(self) -> None:
-        """End; returns when the device at hand is done with."""
+        """End; return when the device at hand is finished."""
         self._stopping.set()
         self._wake.put(None)
         if self._thread is not None and self._thread.is_alive():

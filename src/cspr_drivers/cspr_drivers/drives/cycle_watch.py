@@ -89,7 +89,7 @@ class CycleWatch:
     def _begin(self) -> None:
         for index in range(self._frames):
             if index in self._answered or index in self._taken_as_late:
-                # what was owed has come, or nothing came after what was taken for it: then it was lost, not late
+                # the late answer has come, or nothing followed what was taken for it: then it was lost, not late
                 self._owed[index] = 0
             elif self._begun:
                 self._owed[index] += 1
@@ -128,10 +128,10 @@ class CycleWatch:
         self._begin()
 
     def is_late(self, index: int) -> bool:
-        """Whether feedback that has just come answers an earlier SYNC, and so tells where the motor was then.
+        """Whether feedback that has just come answers an earlier SYNC, and so holds an earlier position.
 
-        A drive answers each SYNC once, in their order: after a cycle without its answer the next frame is that
-        answer. Should none follow in the same cycle, then the answer was lost, and the next frame counts again.
+        A drive answers each SYNC once, in order: after a cycle without its answer the next frame is that answer.
+        If no other frame follows in the same cycle, the answer was lost, and the next frame counts again.
         """
         if self._owed[index] == 0:
             return False

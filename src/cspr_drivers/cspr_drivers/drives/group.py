@@ -184,7 +184,7 @@ class DriveGroup:
     # What follows.
 
     def step(self, time: float) -> None:
-        """Judge what was observed, change state, and set the control words. Called once a cycle."""
+        """Evaluate what was observed, change state, and set the control words. Called once per cycle."""
         if self._state in (DriverState.NOT_READY, DriverState.DISABLED):
             self._rest(time)
         elif self._state is DriverState.FAULT:
@@ -211,7 +211,7 @@ class DriveGroup:
 
     @property
     def control_words(self) -> Sequence[int]:
-        """Control word that each drive shall have (m)."""
+        """Control word that each drive should have (m)."""
         return self._words
 
     @property
@@ -221,7 +221,7 @@ class DriveGroup:
 
     @property
     def drives(self) -> tuple[DriveStatus, ...]:
-        """What is known of each drive (m)."""
+        """What is known about each drive (m)."""
         return tuple(self._drives)
 
     @property
@@ -234,12 +234,12 @@ class DriveGroup:
         return self._state is DriverState.ENABLED and index in self._running
 
     def settled(self, index: int) -> bool:
-        """Return whether a drive is where it shall be, so that its control word need not be repeated."""
+        """Return whether a drive is where it should be, so that its control word need not be repeated."""
         state = self._drives[index].state
         return state is None or state in _SETTLED[self._target(index)]
 
     def feedback_age(self, index: int, time: float) -> float:
-        """Return the time since a drive was last heard, s; infinite before that."""
+        """Return the time since the last frame of a drive, s; infinite before the first."""
         return time - self._heard[index]
 
     # Inner working.
@@ -274,7 +274,7 @@ class DriveGroup:
         return time - self._heard[index] > self._timeouts.feedback
 
     def _silent_ones(self, time: float) -> str:
-        """Return the names of the drives that have fallen silent, too late by now for those that just have."""
+        """Return the names of the drives that have fallen silent, including those about to exceed the limit."""
         silent = [k for k in self._everyone if time - self._heard[k] > 0.5 * self._timeouts.feedback]
         if len(silent) == len(self._drives):
             return "all drives"
@@ -398,4 +398,4 @@ class DriveGroup:
         elif self._state is DriverState.FAULT and not (self._clearing or self._resetting):
             for index in late.keys() - self._not_stopped:
                 self._not_stopped |= {index}
-                self._cause += f"; {self._drives[index].name}: {late[index]}: take the load as not held"
+                self._cause += f"; {self._drives[index].name}: {late[index]}: assume the load is not held"

@@ -1,4 +1,4 @@
-"""Taking the present pose as the home pose: the position values there become `home_counts` in the configuration."""
+"""Making the present pose the home pose: its position values become `home_counts` in the configuration."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def store_home(config: CanConfig, counts: Sequence[int]) -> Path:
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, written, or does not hold one ``home_counts`` a drive. It is then as it was.
+        If the file cannot be read, written, or does not hold one ``home_counts`` per drive. It is left unchanged.
     """
     path = Path(config.source)
     try:
@@ -55,12 +55,12 @@ def _replaced(text: str, config: CanConfig, counts: Sequence[int]) -> str:
     values = iter(counts)
     try:
         new = _ENTRY.sub(lambda found: f"{found['before']}{next(values)}", text)
-        stored = CanConfig.from_text(new, config.source).drives
+        stored = [(e.node_id, e.units.home_counts) for e in CanConfig.from_text(new, config.source).drives]
     except (StopIteration, RuntimeError, ConfigurationError):
-        stored = ()
-    if stored != with_home(config, counts).drives:
+        stored = []
+    if stored != [(drive.node_id, value) for drive, value in zip(config.drives, counts, strict=True)]:
         raise ConfigurationError(
-            f"{config.source}: home_counts: has changed since it was read, or holds them in another way than one "
-            "number a drive: write " + ", ".join(map(str, counts)) + " there by hand"
+            f"{config.source}: home_counts: has changed since it was read, or does not hold one "
+            "number per drive: write " + ", ".join(map(str, counts)) + " there by hand"
         )
     return new

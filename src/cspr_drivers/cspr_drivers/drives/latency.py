@@ -29,13 +29,13 @@ class LatencyHistogram:
         self._maximum = 0.0
 
     def add(self, latency: float) -> None:
-        """Count one latency, s."""
+        """Add one latency, s."""
         self._counts[min(BINS - 1, max(0, int(latency / BIN)))] += 1
         self._count += 1
         self._maximum = max(self._maximum, latency)
 
     def clear(self) -> None:
-        """Forget all latencies."""
+        """Remove all latencies."""
         self._counts = np.zeros(BINS, dtype=np.int64)
         self._count = 0
         self._maximum = 0.0

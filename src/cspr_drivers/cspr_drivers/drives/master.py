@@ -17,7 +17,7 @@ from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice, NmtCommand
 from cspr_drivers.devices.setup import set_up_drive
-from cspr_drivers.devices.setup_thread import Commissioning
+from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.drives.cycle import DriveCycle
 from cspr_drivers.drives.cycle_clock import CycleClock
 from cspr_drivers.drives.home_position import store_home
@@ -74,7 +74,7 @@ class DriveMaster:
         self._other_driver = threading.Event()
         self._started = self._stopped = False
         self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
-        self._commissioning = Commissioning(
+        self._setup = SetupThread(
             [str(drive) for drive in config.drives], self._configure, self._at_rest, report, self._clock
         )
         self._failures = [(port, partial(self._act, self._cycle.bus_failed, port.name)) for port in ports]
@@ -112,7 +112,7 @@ class DriveMaster:
             port.on_failure(failure)
         self._ports.on_sync(self._cycle.sync, self._lock)
         self.cycle_clock.start()
-        self._commissioning.start()
+        self._setup.start()
 
     def come_to_rest(self) -> None:
         """Close the brakes and wait until they hold, no longer than a limit."""
@@ -135,7 +135,7 @@ class DriveMaster:
 
     def _leave_drives(self) -> None:
         self.come_to_rest()
-        self._commissioning.stop()
+        self._setup.stop()
         for device in self._devices:
             try:
                 device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -225,7 +225,7 @@ class DriveMaster:
                 tuple(device.heartbeat_age(now) for device in self._devices),
                 tuple(device.nmt_state for device in self._devices),
                 tuple(cycle.facts),
-                self._commissioning.problems,
+                self._setup.problems,
                 cycle.watch.statistics(),
                 cycle.rejected,
                 cycle.last_rejection,
@@ -299,7 +299,7 @@ class DriveMaster:
     # The devices.
 
     def _configure(self, index: int) -> None:
-        """Configure a drive; run by the commissioning thread."""
+        """Configure a drive; run by the set-up thread."""
         try:
             facts = set_up_drive(self._devices[index], self.config, self.config.drives[index])
         except DeviceError as error:
@@ -320,4 +320,4 @@ class DriveMaster:
     def _lose(self, index: int, reason: str) -> None:
         with self._lock:
             self._cycle.lost(self._clock.monotonic(), index, reason)
-        self._commissioning.request(index, reason)
+        self._setup.request(index, reason)

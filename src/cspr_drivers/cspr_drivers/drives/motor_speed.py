@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 class PositionDifference:
-    """Speed over the time that really passed between two samples, so that jitter of the SYNC does no harm.
+    """Speed over the measured time between two samples, so that jitter of the SYNC does no harm.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class PositionDifference:
         self._speeds: list[float] | None = None
 
     def clear(self) -> None:
-        """Begin anew: the next sample has nothing to do with those before."""
+        """Start over: the next sample has nothing to do with those before."""
         self._angles = ()
         self._speeds = None
 

@@ -1,4 +1,4 @@
-"""What the driver of the drives tells others: motor states each cycle, and its own state on request."""
+"""What the driver of the drives publishes: motor states each cycle, and its own state on request."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class DriveReport:
     members
         Names of the drives that are in operation, or on the way there.
     feedback_ages
-        Time since each drive was last heard, s; infinite before that.
+        Time since the last frame of each drive, s; infinite before the first.
     heartbeat_ages, nmt_states
         Of each drive: time since its last heartbeat, s, and the NMT state in it.
     facts
-        What each drive has said about itself, `None` before it was taken in.
+        What each drive has said about itself, `None` before it was set up.
     not_configured
         Devices that are not configured, with the reason.
     statistics
@@ -45,7 +45,7 @@ class DriveReport:
     skipped_cycles, worst_lateness
         Of the clock, since the drives were last enabled: SYNC frames left out, and the largest delay of one, s.
     clock_running
-        Whether SYNC frames go out.
+        Whether SYNC frames are being sent.
     """
 
     state: DriverState

@@ -1,4 +1,4 @@
-"""What is known of one drive."""
+"""What is known about one drive."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class DriveStatus:
     status_word, state, brake_open
         As last reported; state `None` before the first report.
     errors
-        That it has reported by emergency messages and not taken back.
+        That it has reported by emergency messages and not withdrawn.
     emergency_stop
         Whether its input for the emergency stop is active.
     """
@@ -41,7 +41,7 @@ class DriveStatus:
 
     @property
     def error_code(self) -> int:
-        """Code of its newest error, 0 without any."""
+        """Code of its newest error, 0 if there is none."""
         return self.errors[-1].code if self.errors else 0
 
     @property
@@ -56,7 +56,7 @@ class DriveStatus:
 
     @property
     def follows_target(self) -> bool:
-        """Whether it says that it follows the target torque; of meaning while operation is enabled."""
+        """Whether it says that it follows the target torque; meaningful while operation is enabled."""
         return bool(self.status_word & FOLLOWS_TARGET)
 
     @property

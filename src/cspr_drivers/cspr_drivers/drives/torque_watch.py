@@ -1,6 +1,6 @@
-"""Drives that apply another torque than they were told: one that runs away has paid out metres of cable in a second.
+"""Drives that apply a torque other than the commanded one: a runaway pays out metres of cable in a second.
 
-Its speed shows that only when the motor is fast already, its torque (6077h) in the next answer.
+Its speed shows that only once the motor is fast; its torque (6077h) shows it in the next answer.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from cspr_drivers.config.can_file import TorqueCheck
 
 
 class TorqueWatch:
-    """What each drive was told, what it applies, and since when the two have not been the same.
+    """The torque that each drive was told, the one it applies, and since when the two differ.
 
-    A command that comes late in a cycle shows one answer later: an answer that fits the command before is not wrong.
+    A command that comes late in a cycle shows one answer later: an answer that fits the previous command is not wrong.
     Torques in N m at the motor shaft, times in s of one monotonic clock.
 
     Parameters
@@ -34,7 +34,7 @@ class TorqueWatch:
         self._told[index] = torque
 
     def answered(self, index: int, torque: float, time: float, operates: bool) -> str:
-        """Take the torque that a drive says it applies; return in words what is wrong with it, if anything is.
+        """Check the torque that a drive says it applies; return what is wrong with it, or an empty text.
 
         Parameters
         ----------
@@ -45,7 +45,7 @@ class TorqueWatch:
         time
             When the answer came.
         operates
-            Whether the drive follows its torque at all. Otherwise it is not judged.
+            Whether the drive follows its torque at all; it is not checked otherwise.
         """
         told, before = self._told[index], self._told_before[index]
         self._told_before[index] = told

@@ -1,4 +1,4 @@
-"""Watch over the transitions of the drives: each must take place within its limit."""
+"""Watch over the transitions of the drives: each must happen within its time limit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cspr_drivers.config.timeouts import Timeouts
 
 
 class TransitionWatch:
-    """Since when each drive is asked for a transition. Times are arguments, s.
+    """Since when each drive has been asked for a transition. Times are arguments, s.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ class TransitionWatch:
         self._asked = [None] * len(self._asked)
 
     def overdue(self, states: Sequence[State | None], words: Sequence[int], time: float) -> dict[int, str]:
-        """Return which drives have not taken the transition that they are asked for, in words, by index.
+        """Return, by index and in words, which drives have not made the transition that they are asked for.
 
         Parameters
         ----------
         states
-            Of the drives, `None` for one that does not report any.
+            Of the drives, `None` for one that reports none.
         words
             Control words that they have.
         """

@@ -31,7 +31,7 @@ class LoadCellCycle:
     tensions
         The present cycle and its statistics.
     errors
-        Of each cell, that it has reported by emergency messages and not taken back (m).
+        Of each cell, that it has reported by emergency messages and not withdrawn (m).
     sync_time
         Of the last SYNC, s; `None` before the first.
     """

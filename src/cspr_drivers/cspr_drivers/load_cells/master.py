@@ -15,7 +15,7 @@ from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice, NmtCommand
 from cspr_drivers.devices.settings import load_cell_tare
 from cspr_drivers.devices.setup import set_up_load_cell
-from cspr_drivers.devices.setup_thread import Commissioning
+from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.errors import DeviceError
 from cspr_drivers.load_cells.cycle import LoadCellCycle
 from cspr_drivers.load_cells.tension_cycle import TensionStatistics
@@ -38,7 +38,7 @@ class LoadCellReport:
     problems
         What is wrong with a cell, in words; only cells with a problem, by name.
     errors
-        Of each cell, that it has reported by emergency messages and not taken back.
+        Of each cell, that it has reported by emergency messages and not withdrawn.
     tare_result
         Outcome of the last taring, empty before it.
     """
@@ -83,7 +83,7 @@ class LoadCellMaster:
         self._tare_result = ""
         self._stopped = False
         self._taring: Thread | None = None
-        self._commissioning = Commissioning(
+        self._setup = SetupThread(
             [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, ports.clock
         )
         self._devices = [
@@ -92,7 +92,7 @@ class LoadCellMaster:
                 ports[cell.bus],
                 cell.node_id,
                 config.timeouts.sdo,
-                on_boot=partial(self._commissioning.request, index, "restarted"),
+                on_boot=partial(self._setup.request, index, "restarted"),
                 on_emergency=partial(self._emergency, index),
             )
             for index, cell in enumerate(config.load_cells)
@@ -105,14 +105,14 @@ class LoadCellMaster:
                 cob_id(FunctionCode.TPDO1, cell.node_id), partial(self._measured, index)
             )
         self._ports.on_sync(self._cycle.sync, self._lock)
-        self._commissioning.start()
+        self._setup.start()
 
     def stop(self) -> None:
         """Leave the bus."""
         if self._stopped:
             return
         self._stopped = True
-        self._commissioning.stop()
+        self._setup.stop()
         if self._taring is not None:
             self._taring.join(timeout=2.0)
         for device in self._devices:
@@ -133,8 +133,8 @@ class LoadCellMaster:
         limit
             Largest absolute tension, N, with which a cable still counts as slack.
         """
-        if self._commissioning.problems:
-            return f"not configured: {', '.join(self._commissioning.problems)}"
+        if self._setup.problems:
+            return f"not configured: {', '.join(self._setup.problems)}"
         with self._lock:
             refusal = self._cycle.tensions.tare_refusal(limit)
         if refusal is None and self._taring is not None and self._taring.is_alive():
@@ -144,16 +144,16 @@ class LoadCellMaster:
         return refusal
 
     def watch(self, now: float) -> None:
-        """Have amplifiers configured again that are silent or not operational. Called about once a second."""
-        waiting = self._commissioning.problems
+        """Have silent amplifiers, and those not operational, configured again. Called about once a second."""
+        waiting = self._setup.problems
         for index, device in enumerate(self._devices):
             if device.name not in waiting and (problem := device.problem(now, self._config.timeouts)):
                 self._report(f"{device.name}: {problem}")
-                self._commissioning.request(index, problem)
+                self._setup.request(index, problem)
 
     def problems(self, now: float) -> dict[str, str]:
         """Return what is wrong with cells, by name; empty when all is well."""
-        waiting = self._commissioning.problems
+        waiting = self._setup.problems
         with self._lock:
             return self._cycle.problems(now, waiting)
 
@@ -164,7 +164,7 @@ class LoadCellMaster:
             return LoadCellReport(
                 None if self._cycle.sync_time is None else now - self._cycle.sync_time,
                 self._cycle.tensions.statistics(),
-                self._commissioning.problems,
+                self._setup.problems,
                 problems,
                 tuple(self._cycle.errors),
                 self._tare_result,
@@ -177,7 +177,7 @@ class LoadCellMaster:
             self._publish(complete.stamp_ns, complete.tensions)
 
     def _configure(self, index: int) -> None:
-        """Bring an amplifier from wherever it is to NMT operational; run by the commissioning thread."""
+        """Bring an amplifier to NMT operational; run by the set-up thread."""
         facts = set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
         with self._lock:
             self._cycle.configured(index, facts.span)
@@ -192,7 +192,7 @@ class LoadCellMaster:
             try:
                 device.write(load_cell_tare())
             except DeviceError as error:
-                result = f"taring ended: {error}"
+                result = f"taring failed: {error}"
                 break
         with self._lock:
             self._tare_result = result

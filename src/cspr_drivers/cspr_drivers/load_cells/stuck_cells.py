@@ -1,4 +1,4 @@
-"""Load cells that show the very same value while others change: the noise of a sound one never lets it."""
+"""Load cells that keep showing the same value while others change: noise keeps a sound cell from doing that."""
 
 from __future__ import annotations
 

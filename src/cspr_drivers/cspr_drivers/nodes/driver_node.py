@@ -22,7 +22,7 @@ from cspr_msgs_py.runtime.parameters import declare
 class DriverNode(LifecycleNode):
     """A managed node that drives devices on the CAN buses.
 
-    Configuring opens and checks the buses and takes the devices in; only when the node is active can anything be
+    Configuring opens and checks the buses and sets up the devices; only when the node is active can anything be
     armed. With the parameter ``autostart`` the node configures and activates itself, and ends when it cannot.
 
     Parameters
@@ -84,7 +84,7 @@ class DriverNode(LifecycleNode):
 
     @abstractmethod
     def begin(self, ports: CanPorts) -> None:
-        """Take the devices in."""
+        """Set up the devices."""
 
     @abstractmethod
     def end(self) -> None:
@@ -96,7 +96,7 @@ class DriverNode(LifecycleNode):
     # Life cycle
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open and check the buses, and take the devices in."""
+        """Open and check the buses, and set up the devices."""
         return self._attempt(self._configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -105,7 +105,7 @@ class DriverNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Bring the devices to rest, and allow arming no more."""
+        """Bring the devices to rest and no longer allow arming."""
         self.active = False
         return self._attempt(self.disarm)
 

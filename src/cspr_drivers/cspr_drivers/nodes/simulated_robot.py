@@ -147,7 +147,9 @@ class SimulatedRobot(Node):
         }
         if lag > _LARGEST_LAG:
             return [
-                diagnostic_status(self.get_name(), Level.WARN, "the plant cannot keep up with time", values)
+                diagnostic_status(
+                    self.get_name(), Level.WARN, "the plant cannot keep up with the clock", values
+                )
             ]
         if self._slack:
             return [diagnostic_status(self.get_name(), Level.WARN, "slack cable", values)]

@@ -1,4 +1,4 @@
-"""Faults of the emulated machine by name: what an engineer does with pliers, a hot-air gun and a lever.
+"""Faults of the emulated machine by name: what an engineer would do with pliers, a hot-air gun and a lever.
 
 What each fault ends in is in docs/operation.md, and what it costs in height in its section "What each fault does".
 """
@@ -91,7 +91,7 @@ _MEANINGS = {
     InjectedFault.DRIVE_RUNAWAY: "it applies all its torque, to pay out",
     InjectedFault.DRIVE_PULLING: "it applies three fifths of its torque, to take in",
     InjectedFault.WINCH_BLOCKED: "the brake holds although the drive says that it is open",
-    InjectedFault.BRAKE_WEAK: "the brake holds a twentieth of its torque from its next closing on",
+    InjectedFault.BRAKE_WEAK: "the brake holds a twentieth of its torque from the next time it closes",
     InjectedFault.LOAD_CELL_SILENT: "its amplifier is unplugged",
     InjectedFault.LOAD_CELL_SATURATED: "its amplifier reports overload",
     InjectedFault.LOAD_CELL_STUCK: "its value does not change any more",
@@ -171,12 +171,12 @@ class FaultInjector:
         if place not in places:
             known = ", ".join(filter(None, places))
             raise DriverError(
-                f"{name}: there is no '{place}' to have it; say '{name} PLACE' with one of {known}"
+                f"{name}: there is no '{place}' it could happen to; say '{name} PLACE' with one of {known}"
             )
         return FaultOrder(fault, places[place])
 
     def inject(self, order: FaultOrder) -> None:
-        """Let a fault happen now; it lasts, where it is not over at once, until `clear`."""
+        """Inject a fault now; unless it is momentary, it lasts until `clear`."""
         with self._machine.lock:
             if order.fault.target is FaultTarget.BUS:
                 self._disturb(order.fault, str(order.place))

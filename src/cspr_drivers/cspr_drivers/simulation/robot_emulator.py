@@ -41,7 +41,7 @@ _PLANT_LAG = 0.03  # s
 # s after which a SYNC is not answered any more: devices do not have yesterday's SYNC in a queue, and answering
 # would keep a computer that was held up busy with the past.
 _STALE = 0.05
-_LONGEST_CLOSING = 0.1  # s until the receiving thread of a bus sees that it shall end
+_LONGEST_CLOSING = 0.1  # s until the receiving thread of a bus sees that it has to end
 
 
 class RobotEmulator:
@@ -61,7 +61,7 @@ class RobotEmulator:
     eds_directory
         Directory of the EDS files `cia402_drive.eds` and `cia404_load_cell.eds`.
     bus_timing
-        Whether frames on virtual buses take as long as on copper, see `TimedBus`.
+        Whether frames on virtual buses take as long as on a real bus, see `TimedBus`.
     clock
         Clock of the machine.
 
@@ -194,7 +194,7 @@ class RobotEmulator:
         return self._injector.read(text)
 
     def inject(self, order: FaultOrder) -> None:
-        """Let a fault happen now; see `InjectedFault` for what there is."""
+        """Inject a fault now; see `InjectedFault` for what there is."""
         self._injector.inject(order)
 
     def clear_faults(self) -> None:
@@ -344,7 +344,7 @@ def emulated_devices(
 
 
 class _Receiver:
-    """What python-can's receiving thread calls for one bus of the kernel; the devices outlive its interface."""
+    """Called by python-can's receiving thread, for one SocketCAN bus; the devices outlive its interface."""
 
     def __init__(
         self, network: canopen.Network, deliver: Callable[[can.Message], None], clock: Clock
@@ -357,7 +357,7 @@ class _Receiver:
         self._deliver(message)
 
     def on_error(self, error: Exception) -> None:
-        """Go on after a failure: an interface that is down may come up again, and canopen would send no more."""
+        """Go on after a failure, as the interface may come up again: canopen would stop sending."""
         if self._network.notifier is not None:
             self._network.notifier.exception = None
         self._clock.sleep(_LONGEST_CLOSING)

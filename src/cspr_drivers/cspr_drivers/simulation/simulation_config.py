@@ -11,14 +11,15 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from cspr_drivers.errors import ConfigurationError
-from cspr_kinematics import KinematicsError, Payload, RigidBody, Robot
+from cspr_drivers.config.file_errors import as_configuration_error
+from cspr_kinematics import Payload, RigidBody, Robot
 from cspr_kinematics.arrays import frozen
 from cspr_kinematics.configuration.structure import (
     NotNegative,
     Positive,
     Text,
     Vector,
+    located,
     structured,
 )
 from cspr_kinematics.configuration.yaml_file import read_yaml
@@ -125,10 +126,8 @@ class SimulationConfig:
         ConfigurationError
             Names the file, the key and the value that is wrong.
         """
-        try:
+        with as_configuration_error():
             return _config(structured(_File, read_yaml(path), str(path)), Path(path))
-        except ConfigurationFileError as error:
-            raise ConfigurationError(str(error)) from error
 
     def with_payload(self, payload: Payload, *changes: PayloadChange) -> SimulationConfig:
         """Return the same machine carrying another payload."""
@@ -194,12 +193,11 @@ class _File:
 def _config(file: _File, path: Path) -> SimulationConfig:
     try:
         believed = Robot.from_yaml(path.parent / file.robot)
-        _require_one_for_each_cable(file, believed.number_of_cables, str(path))
+    except ConfigurationFileError as error:
+        raise ConfigurationFileError(str(path), "robot", file.robot, str(error)) from error
+    _require_one_for_each_cable(file, believed.number_of_cables, str(path))
+    with located(str(path)):
         robot = _true_robot(believed, file.true_values, str(path))
-    except ConfigurationFileError:
-        raise
-    except KinematicsError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
     changes = sorted(file.payload_changes, key=lambda change: change.time)
     return SimulationConfig(
         robot=robot,

@@ -25,7 +25,7 @@ def required_wrench_at(
     """Fill in w = H [a; alpha] + C xdot - w_g, (6,), about the platform's origin in base axes."""
     Q = rotation
     m = parameters[0]
-    # gravity enters as an upward acceleration of the whole platform
+    # gravity acts like an upward acceleration of the whole platform
     ax, ay, az = linear_acceleration[0], linear_acceleration[1], linear_acceleration[2] - GRAVITY_Z
     ox, oy, oz = angular_velocity[0], angular_velocity[1], angular_velocity[2]
     lx, ly, lz = angular_acceleration[0], angular_acceleration[1], angular_acceleration[2]
@@ -103,7 +103,7 @@ def balance_regressors(
 ) -> None:
     """Fill in the regressors (n, 6, 10) of the required wrench in the inertial parameters.
 
-    The wrench is linear in the parameters, so that column k is the wrench of the k-th unit of them.
+    The wrench is linear in the parameters: column k is the wrench of parameter k alone with the value 1.
     """
     for n in range(rotations.shape[0]):
         Y = regressors[n]
@@ -128,7 +128,7 @@ def balance_regressors(
         dx = Q[0, 0] * lx + Q[1, 0] * ly + Q[2, 0] * lz
         dy = Q[0, 1] * lx + Q[1, 1] * ly + Q[2, 1] * lz
         dz = Q[0, 2] * lx + Q[1, 2] * ly + Q[2, 2] * lz
-        # I alpha + omega x (I omega) in platform axes, for a unit of each element of I
+        # I alpha + omega x (I omega) in platform axes, for each element of I alone with the value 1
         for i in range(3):
             r0, r1, r2 = Q[i, 0], Q[i, 1], Q[i, 2]
             Y[3 + i, 4] = r0 * dx + r1 * (bz * bx) - r2 * (by * bx)

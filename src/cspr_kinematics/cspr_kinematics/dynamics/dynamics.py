@@ -30,7 +30,7 @@ def required_wrench(
     payload: Payload | None = None,
     external_wrench: ArrayLike | None = None,
 ) -> FloatArray:
-    """Return the cables' wrench for a motion: w = H [a; alpha] + C xdot - w_g - w_e.
+    """Return the wrench that the cables must supply for a motion: w = H [a; alpha] + C xdot - w_g - w_e.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def required_wrench(
     twist : Twist
     acceleration : Acceleration
     payload : Payload, optional
-        Carried besides the platform.
+        Carried in addition to the platform.
     external_wrench : array_like, shape (..., 6), optional
         w_e, force and moment about the platform's origin that the surroundings exert on it, in base axes,
         N and N m.
@@ -77,11 +77,11 @@ def static_wrench(
 
 
 def balance_regressor(pose: Pose, twist: Twist, acceleration: Acceleration) -> FloatArray:
-    """Return Y, with which the required wrench without external ones is w = Y pi.
+    """Return Y such that the required wrench, without an external one, is w = Y pi.
 
-    pi are the ten inertial parameters of all that moves, `RigidBody.inertial_parameters`. Six equations an
-    instant do not determine them; along a motion that turns and accelerates they do. At rest only the columns
-    of mass and of the horizontal first moments are not zero.
+    pi holds the ten inertial parameters of everything that moves, `RigidBody.inertial_parameters`. The six
+    equations of one instant do not determine them; those along a motion that turns and accelerates do. At rest
+    only the columns of the mass and the horizontal first moments are non-zero.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def balance_regressor(pose: Pose, twist: Twist, acceleration: Acceleration) -> F
 
 
 def _total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
-    """Return the inertial parameters (10,) of platform and payload: about a common origin they add up."""
+    """Return the inertial parameters (10,) of platform and payload, which add up about the same origin."""
     parameters = robot.platform.inertial_parameters
     if payload is None or payload.mass == 0.0:
         return parameters
@@ -111,7 +111,7 @@ def _total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
 def _motion_arrays(
     pose: Pose, twist: Twist, acceleration: Acceleration
 ) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Return the common batch axes, and rotations, omega, a and alpha as kernels take them.
+    """Return the common batch axes, and rotations, omega, a and alpha in the form that kernels take.
 
     Raises
     ------

@@ -14,10 +14,10 @@ from cspr_kinematics.kinematics._slack import NO_SLACK_FOUND, SLACK_FOUND, find_
 from cspr_kinematics.motion._linear import assign_matrix, assign_vector, fill_matrix, fill_vector
 from cspr_kinematics.motion._rotation import orthonormalise
 
-# Errors of this share of what is accepted at most are taken for noise.
+# Errors of at most this share of what is accepted are taken for noise.
 _NOISE_SHARE = 0.2
 
-# How a problem ended, besides the ways in which an iteration and a search do.
+# How a problem ended, in addition to the outcomes of an iteration and a search.
 NO_POSE_FITS = 2
 SLACK_CABLE = 3
 SLACK_UNCERTAIN = 6
@@ -47,10 +47,10 @@ def forward_at_poses(
     converged: BoolArray,
     slacks: FloatArray,
 ) -> tuple[int, int]:
-    """Solve n problems; `guided` tells whether from guesses (n or 1 of them) or by search.
+    """Solve n problems; `guided` tells whether to start from guesses (n or 1 of them) or to search.
 
-    Returns the number of failures and the largest number of iterations; a negative number of failures if a
-    length is not positive.
+    Returns the number of failures and the largest number of iterations; the former is negative if a length is
+    not positive.
     """
     failures, most_iterations = 0, 0
     m = geometry.shape[0]

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt iteration from a guess of the pose to a fit of lengths (docs/model.md, section 5)."""
+"""Levenberg-Marquardt iteration from a guess of the pose to one that fits the lengths (docs/model.md, section 5)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def length_errors(
     error: FloatArray,
     jacobian: FloatArray,
 ) -> float:
-    """Fill in length errors and Jacobian; return half their weighted square sum, infinite without a path."""
+    """Fill in length errors and Jacobian; return half the weighted sum of squares, infinite if a cable has no path."""
     cost = 0.0
     for i in range(geometry.shape[0]):
         fault, length, _, ux, uy, uz, rx, ry, rz = path_at(geometry, i, position, rotation)

@@ -14,10 +14,10 @@ from cspr_kinematics.motion._linear import assign_matrix, assign_vector, fill_ma
 # A pose that fits this well (root of the mean square, m) ends the search.
 EXACT_FIT = 1e-7
 _POSITION_ITERATIONS = 12
-# Square sums of errors within this factor of the least are explained by noise about as well.
+# Sums of squared errors within this factor of the least are about equally well explained by noise.
 ABOUT_AS_WELL = 30.0
 
-# How a search ended, besides the ways in which an iteration does.
+# How a search ended, in addition to the outcomes of an iteration.
 ABOVE_FRAME = 4
 
 
@@ -55,9 +55,9 @@ def search_pose(
     """Find a pose without a guess: a fit below the frame, from orientations (s, 3, 3), the first at home.
 
     For each, the position alone is found first, from `center`, which is a well-behaved problem; then the
-    pose. The search ends with an exact fit. Lengths with errors have none, and a platform that is small
-    beside them fits about as well turned over: of the poses that fit about as well as the best, or whose
-    errors have a root mean square below `noise`, the one turned least from home is taken.
+    pose. The search ends at an exact fit. Lengths with errors have none, and a platform that is small
+    compared with them fits about as well upside down: of the poses that fit about as well as the best, or
+    whose errors have a root mean square below `noise`, the one turned least from home is taken.
     """
     m = geometry.shape[0]
     count = starts.shape[0]
@@ -100,7 +100,7 @@ def search_pose(
     acceptable = max(ABOUT_AS_WELL * best_cost, 0.5 * m * noise * noise)
     for s in range(count):
         if exact < 0 and costs[s] <= acceptable:
-            # 1 + 2 cos of the angle from the orientation at home; any minimum that was reached goes before
+            # 1 + 2 cos of the angle from the orientation at home; any minimum that was reached is preferred
             turned = 4.0 if statuses[s] == CONVERGED else 0.0
             for i in range(3):
                 for j in range(3):

@@ -12,10 +12,10 @@ from cspr_kinematics.kinematics._iteration import CONVERGED, improve_pose
 from cspr_kinematics.kinematics._search import ABOUT_AS_WELL, EXACT_FIT
 from cspr_kinematics.motion._linear import assign_matrix, assign_vector, fill_vector
 
-# What came of the search for slack cables.
+# Outcome of the search for slack cables.
 NO_SLACK_FOUND = 0
 SLACK_FOUND = 1
-SLACK_OF_ONE = 2  # of several cables, and which cannot be told
+SLACK_OF_ONE = 2  # of one cable, and it cannot be told which
 
 
 @kernel
@@ -32,7 +32,7 @@ def _misfit(error: FloatArray, weights: FloatArray) -> float:
 def fits(
     error: FloatArray, weights: FloatArray, deviation: FloatArray, max_residual: float, max_misfit: float
 ) -> bool:
-    """Whether no error exceeds its limit, nor their weighted square sum its own, which may be infinite."""
+    """Whether no error exceeds its limit, nor the weighted sum of squares its own, which may be infinite."""
     if _misfit(error, weights) > max_residual:
         return False
     if max_misfit == math.inf:
@@ -60,10 +60,10 @@ def find_slack(
 ) -> int:
     """Look for cables without which the others fit; fill in by how much they are slack.
 
-    One cable after the other is left out, the one first without which the rest fits best; at least seven are
-    left, because six fit any lengths. Only a cable that is longer than its path can be slack. Where one cable
-    is left out and the rest fits about as well without another one instead, it may be either: then `slack`
-    has what each of them would be slack by.
+    Cables are left out one after the other, each time the one without which the rest fits best; at least seven
+    are left, because six cables fit any lengths. Only a cable that is longer than its path can be slack. Where
+    one cable is left out and the rest fits about as well without another one instead, it may be either: `slack`
+    then says how slack each of them would be.
     """
     m = geometry.shape[0]
     left = np.empty(m)

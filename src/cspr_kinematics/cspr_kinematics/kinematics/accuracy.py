@@ -7,13 +7,13 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import BoolArray, FloatArray, checked, frozen
+from cspr_kinematics.arrays import BoolArray, FloatArray, for_each_cable, frozen
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
 from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.robot import Robot
 
-# Errors that noise exceeds less than once in 10,000 cases are reported: the normal quantile of 1e-4.
+# Errors so large that noise explains them in less than one case in 10,000 are reported: normal quantile of 1e-4.
 _MISFIT_QUANTILE = 3.719
 _SINGULAR = 1e-10
 
@@ -21,7 +21,7 @@ _SINGULAR = 1e-10
 def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> FloatArray:
     """Return the covariance of a pose found from uncertain lengths, shape (..., 6, 6).
 
-    Of position and rotation vector in base axes, (m, rad), for least squares weighted with the deviations.
+    It is that of position and rotation vector in base axes, (m, rad), for least squares weighted by the deviations.
 
     Parameters
     ----------
@@ -44,9 +44,9 @@ def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> Fl
 
 @functools.lru_cache(maxsize=64)
 def largest_misfit(m: int) -> FloatArray:
-    """Return the weighted square sum of errors of k = 0..m cables that noise exceeds once in 10,000 cases.
+    """Return the weighted square sum that noise of k = 0..m cables exceeds once in 10,000 cases.
 
-    By the approximation of Wilson and Hilferty to the quantile of chi-squared with k - 6 degrees of freedom.
+    From the approximation by Wilson and Hilferty of the quantile of chi-squared with k - 6 degrees of freedom.
     """
     freedom = np.maximum(np.arange(m + 1) - 6.0, 1.0)
     spread = 2.0 / (9.0 * freedom)
@@ -63,18 +63,14 @@ def length_deviations(length_deviation: ArrayLike, m: int) -> FloatArray:
     InvalidInputError
         If they are not positive and finite or have another shape.
     """
-    deviation = checked("length_deviation", length_deviation)
-    if deviation.shape not in ((), (m,)):
-        raise InvalidInputError(
-            "length_deviation", length_deviation, f"shape {deviation.shape} where () or ({m},) is needed"
-        )
+    deviation = for_each_cable("length_deviation", length_deviation, m)
     if deviation.min() <= 0.0:
         raise InvalidInputError("length_deviation", length_deviation, "must be positive")
-    return frozen(np.broadcast_to(deviation, (m,)))
+    return deviation
 
 
 def covariance(jacobian: FloatArray, deviation: FloatArray, wanted: BoolArray) -> FloatArray:
-    """Return (J^T S^-1 J)^-1 for members that are wanted, not-a-number for the others."""
+    """Return (J^T S^-1 J)^-1 for the members that are wanted, NaN for the others."""
     result = np.full((*wanted.shape, 6, 6), np.nan)
     J = jacobian[wanted]
     if not J.size:

@@ -1,4 +1,4 @@
-"""Pose from cable lengths, over pulleys too, by Levenberg-Marquardt iteration (docs/model.md, section 5)."""
+"""Pose from cable lengths, with or without pulleys, by Levenberg-Marquardt iteration (docs/model.md, section 5)."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ class ForwardKinematicsStatus(IntEnum):
     ITERATION_LIMIT = iteration.ITERATION_LIMIT
     """No minimum reached within the limit on iterations."""
     NO_POSE_FITS = kernels.NO_POSE_FITS
-    """The nearest pose leaves length errors beyond what is accepted."""
+    """The nearest pose leaves length errors larger than what is accepted."""
     SLACK_CABLE = kernels.SLACK_CABLE
-    """As before, but without the cables in `slack` the others fit."""
+    """As before, but all cables except those in `slack` fit."""
     SLACK_UNCERTAIN = kernels.SLACK_UNCERTAIN
-    """As before, but each of the cables in `slack` alone explains the lengths; which it is cannot be told."""
+    """As before, but any one of the cables in `slack` explains the lengths; which one it is cannot be told."""
     ABOVE_FRAME = ABOVE_FRAME
-    """What fits lies on the other side of the frame, where no suspended platform is."""
+    """The pose that fits lies above the frame, where no suspended platform can be."""
     BEYOND_PULLEY = iteration.BEYOND_PULLEY
     """At the guess a cable cannot reach its pulley."""
 
@@ -68,12 +68,12 @@ class ForwardKinematicsSolution(ReadOnlyArrays):
     converged : numpy.ndarray of bool, shape (...)
         Whether the pose is a minimum of the squared residual, and no residual exceeds the limit.
     iterations : int
-        Number of iterations made, the largest of the batch; without a guess those of all starts together.
+        Number of iterations, the largest of the batch; without a guess, the sum over all starts.
     status : numpy.ndarray of int, shape (...)
         A `ForwardKinematicsStatus` for each.
     slack : numpy.ndarray, shape (..., m)
-        By how much each cable is longer than its path, for cables found to be slack, m; otherwise zero. With
-        the status SLACK_UNCERTAIN it is one of them. `pose` is still the one that fits all cables best.
+        By how much each slack cable is longer than its path, m; zero for the others. With the status
+        SLACK_UNCERTAIN only one of them is slack. `pose` is still the one that fits all cables best.
     covariance : numpy.ndarray, shape (..., 6, 6), or None
         Of position and rotation vector in base axes, if the uncertainty of the lengths was given.
     """
@@ -109,23 +109,23 @@ def forward_kinematics(
     ----------
     robot : Robot
     lengths : array_like, shape (..., m)
-        Cable lengths, with what is wrapped around the pulleys, m.
+        Cable lengths, including what is wrapped around the pulleys, m.
     guess : Pose, optional
-        Start of the iteration; its batch axes broadcast against those of `lengths`.
+        Where the iteration starts; its batch axes broadcast against those of `lengths`.
     max_residual : float
         Largest length error that is accepted at the solution, m. Measured lengths never fit exactly,
-        because cables stretch; lengths that belong to no pose leave more. All cables share what one is slack
-        by: of 0.1 m on the shipped robot about 0.03 m are left, and the pose is 0.04 m off. To hear of less
-        slack accept less, or state `length_deviation` in `solve_forward_kinematics`.
+        because cables stretch; lengths that belong to no pose leave larger errors. All cables share the slack
+        of one: 0.1 m on the shipped robot leaves an error of about 0.03 m, and the pose is 0.04 m off. To
+        detect less slack, accept less, or state `length_deviation` in `solve_forward_kinematics`.
     max_iterations : int
-        Limit on iterations. From a guess a centimetre and a degree away 3 suffice, from the home pose to
-        anywhere in the workspace of the shipped robot 8.
+        Limit on iterations. From a guess a centimetre and a degree away, 3 suffice; from the home pose to
+        anywhere in the workspace of the shipped robot, 8.
 
     Raises
     ------
     ForwardKinematicsError
-        If the iteration does not converge, or to a pose that does not fit; carries residual, iterations,
-        which members of the batch failed, and cables found to be slack.
+        If the iteration does not converge, or converges to a pose that does not fit; has the residual, the
+        iterations, which members of the batch failed, and the cables found to be slack.
     InvalidInputError
         If lengths are not positive and finite or have another shape, the batch axes do not broadcast, or a
         limit is not positive.
@@ -146,17 +146,17 @@ def solve_forward_kinematics(
     length_deviation: ArrayLike | None = None,
     threads: int = 1,
 ) -> ForwardKinematicsSolution:
-    """Do the work of `forward_kinematics`, and report instead of raising when it fails.
+    """Do the same as `forward_kinematics`, but report failures instead of raising an error.
 
     Parameters
     ----------
     robot, lengths, guess, max_residual, max_iterations
         As in `forward_kinematics`.
     length_deviation : float or array_like, shape (m,), optional
-        Standard deviation of the length errors, m. With it the squares are weighted, the solution has a
+        Standard deviation of the length errors, m. With it, the squares are weighted, the solution has a
         covariance, and errors larger than it explains are reported even below `max_residual`.
     threads : int
-        Over which a batch is divided.
+        Number of threads among which a batch is divided.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def solve_forward_kinematics(
 
 
 class _Solved(NamedTuple):
-    """What the kernel says of n poses, before it is put into shape; the time of a control cycle is short."""
+    """Raw output of the kernel for n poses; `forward_kinematics` needs little of it, and a control cycle is short."""
 
     batch: tuple[int, ...]
     failures: int
@@ -268,7 +268,7 @@ def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> Forwar
     errors = np.abs(solution.residual[failed])
     worst = float(np.nanmax(errors)) if np.isfinite(errors).any() else math.nan
     advice = {
-        ABOVE_FRAME: "What fits lies above the frame, where no suspended platform is",
+        ABOVE_FRAME: "The pose that fits lies above the frame, where no suspended platform can be",
         iteration.BEYOND_PULLEY: "At the guess a cable cannot reach its pulley",
     }.get(int(statuses[0]), "Check that the lengths belong to this robot, and start from a nearer guess")
     slack = solution.slack[failed].reshape(-1, solution.slack.shape[-1])
@@ -279,7 +279,7 @@ def _failure(solution: ForwardKinematicsSolution, max_residual: float) -> Forwar
         named = (" and " if certain else ", or ").join(
             f"cable {k + 1} is slack by {first[k]:.4g} m" for k in np.flatnonzero(first)
         )
-        advice = f"Without it the others fit: {named}"
+        advice = f"All other cables fit: {named}"
     return ForwardKinematicsError(
         f"{count} of {solution.converged.size} not solved after {solution.iterations} iterations; the "
         f"largest length error is {worst:.6g} m where {max_residual:.6g} m is accepted. {advice}",

@@ -22,7 +22,7 @@ class Cables(ReadOnlyArrays):
     Attributes
     ----------
     lengths : numpy.ndarray, shape (..., m)
-        From the exit point to the anchor point, with what is wrapped around the pulley, m.
+        From the exit point to the anchor point, including what is wrapped around the pulley, m.
     directions : numpy.ndarray, shape (..., m, 3)
         Unit vectors u_i from the platform towards the exit point or the pulley, in base axes.
     arms : numpy.ndarray, shape (..., m, 3)
@@ -31,7 +31,7 @@ class Cables(ReadOnlyArrays):
         A, column i [u_i; r_i x u_i]: `A @ t` is the wrench of tensions t on the platform about its origin,
         in base axes.
     jacobian : numpy.ndarray, shape (..., m, 6)
-        J = -A^T: `J @ [v; omega]` are the rates of cable length, exact with pulleys too.
+        J = -A^T: `J @ [v; omega]` are the rates of the cable lengths, exactly so with pulleys too.
     free_lengths : numpy.ndarray, shape (..., m)
         f_i, from the anchor point to where the cable leaves its pulley, m.
     position : numpy.ndarray, shape (..., 3)
@@ -53,9 +53,9 @@ class Cables(ReadOnlyArrays):
 
     @property
     def tangent_points(self) -> FloatArray:
-        """Where they leave their pulleys, p + r_i + f_i u_i in base, shape (..., m, 3), m.
+        """Where the cables leave their pulleys, p + r_i + f_i u_i in base, shape (..., m, 3), m.
 
-        Without a pulley the exit points.
+        Without pulleys these are the exit points.
         """
         return np.asarray(self.anchor_points + self.free_lengths[..., None] * self.directions)
 
@@ -113,7 +113,7 @@ def cable_lengths(robot: Robot, pose: Pose) -> FloatArray:
     """Return cable lengths (..., m) alone, m.
 
     Lengths are continuous wherever they exist. Below an exit point, on its swivel axis, they have no
-    derivative, so that `inverse_kinematics` refuses a pose there; this function does not.
+    derivative, so `inverse_kinematics` raises an error there; this function does not.
 
     Raises
     ------

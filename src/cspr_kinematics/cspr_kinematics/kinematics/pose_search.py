@@ -1,4 +1,4 @@
-"""What the search for a pose without a guess starts from: orientations, a place, the plane of the frame."""
+"""Where the search for a pose without a guess starts: orientations, a position, the plane of the frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cspr_kinematics.arrays import FloatArray, frozen
 from cspr_kinematics.motion.so3 import rotation_from_vector
 from cspr_kinematics.robot.robot import Robot
 
-# Exit points count as lying in a plane when they are off it by less than this share of their extent.
+# Exit points count as coplanar when they are off the plane by less than this share of their extent.
 _FLATNESS = 0.1
 # Orientations tried besides that of the home pose: turned and tilted from it by these angles, rad.
 _TURNS = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4, 3.14)
@@ -21,7 +21,7 @@ _TILTS = (0.0, 0.6, -0.6)
 
 
 class PoseSearch(NamedTuple):
-    """What the search without a guess starts from, and arrays of constant content for the kernels."""
+    """Where the search without a guess starts, and constant arrays for the kernels."""
 
     frame: FloatArray  # (4,): the plane n^T x = d, n upwards, above which no platform hangs
     starts: FloatArray  # (s, 3, 3)
@@ -33,7 +33,7 @@ class PoseSearch(NamedTuple):
 
 @functools.lru_cache(maxsize=16)
 def pose_search(robot: Robot) -> PoseSearch:
-    """Return what the search for poses of a robot starts from; computed once for each robot."""
+    """Return where the search for poses of a robot starts; computed once for each robot."""
     m = robot.number_of_cables
     base = robot.home.rotation
     turned = [
@@ -51,7 +51,7 @@ def pose_search(robot: Robot) -> PoseSearch:
 
 
 def _frame_plane(robot: Robot) -> FloatArray:
-    """Return (n, d) of the exit points' plane, or of the level one through the highest if they form none."""
+    """Return (n, d) of the exit points' plane; if they are not coplanar, of the level one through the highest."""
     exits = robot.exit_points
     middle = exits.mean(axis=0)
     _, extents, axes = np.linalg.svd(exits - middle)

@@ -1,4 +1,4 @@
-"""Rotations: what a rotation matrix must be, its quaternion, and the matrix of a rotation vector."""
+"""Rotations: checks of a matrix, its quaternion, and the matrix of a rotation vector."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _SMALL_ANGLE = 1e-9
 
 @kernel
 def pose_defects(positions: FloatArray, rotations: FloatArray) -> tuple[float, float]:
-    """Return the largest element of Q Q^T - 1 over n matrices, and their least determinant.
+    """Return the largest element of Q Q^T - 1 over n matrices, and the smallest determinant.
 
-    Either is not a number when a position or a matrix is not finite.
+    Either is NaN when a position or a matrix is not finite.
     """
     defect, least = 0.0, math.inf
     for n in range(rotations.shape[0]):
         Q = rotations[n]
-        # zero for finite numbers, not a number otherwise
+        # zero for finite numbers, NaN otherwise
         total = 0.0 * positions[n, 0] + 0.0 * positions[n, 1] + 0.0 * positions[n, 2]
         for i in range(3):
             for j in range(i, 3):
@@ -60,7 +60,7 @@ def turn(x: float, y: float, z: float, rotation: FloatArray, turned: FloatArray)
 
 @kernel
 def orthonormalise(rotation: FloatArray, result: FloatArray) -> None:
-    """Fill in a matrix without the rounding errors of a nearly orthonormal one; not in place.
+    """Fill in a nearly orthonormal matrix without its rounding errors; not in place.
 
     One Newton step towards the orthogonal factor of the polar decomposition: it squares the defect.
     """
@@ -82,7 +82,7 @@ def orthonormalise(rotation: FloatArray, result: FloatArray) -> None:
 def quaternions(rotations: FloatArray, result: FloatArray) -> None:
     """Fill in unit quaternions (n, 4) in the order x, y, z, w with w >= 0, from matrices (n, 3, 3).
 
-    Of the four formulas, each of which divides by one component, the one with the largest divisor (Shepperd).
+    Each of four formulas divides by one component; the one with the largest divisor is used (Shepperd).
     """
     for n in range(rotations.shape[0]):
         Q = rotations[n]
@@ -113,7 +113,7 @@ def quaternions(rotations: FloatArray, result: FloatArray) -> None:
 def rotations(quaternions: FloatArray, result: FloatArray) -> float:
     """Fill in rotation matrices (n, 3, 3) of quaternions (n, 4) in the order x, y, z, w, normalising them.
 
-    Returns the largest deviation of a norm from 1, which is not a number when a quaternion is not finite.
+    Returns the largest deviation of a norm from 1, which is NaN when a quaternion is not finite.
     """
     deviation = 0.0
     for n in range(quaternions.shape[0]):
@@ -135,3 +135,33 @@ def rotations(quaternions: FloatArray, result: FloatArray) -> float:
         result[n, 2, 1] = 2.0 * (y * z + x * w)
         result[n, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
     return deviation
+
+
+@kernel
+def euler_motions(
+    angles: FloatArray,
+    rates: FloatArray,
+    growths: FloatArray,
+    rotations: FloatArray,
+    angular_velocities: FloatArray,
+    angular_accelerations: FloatArray,
+) -> None:
+    """Fill in Q = Rz(alpha) Ry(beta) Rx(gamma), omega and its derivative, from the angles' derivatives (n, 3)."""
+    for n in range(angles.shape[0]):
+        sa, ca = math.sin(angles[n, 0]), math.cos(angles[n, 0])
+        sb, cb = math.sin(angles[n, 1]), math.cos(angles[n, 1])
+        sg, cg = math.sin(angles[n, 2]), math.cos(angles[n, 2])
+        Q, omega, alpha = rotations[n], angular_velocities[n], angular_accelerations[n]
+        Q[0, 0], Q[0, 1], Q[0, 2] = ca * cb, ca * sb * sg - sa * cg, ca * sb * cg + sa * sg
+        Q[1, 0], Q[1, 1], Q[1, 2] = sa * cb, sa * sb * sg + ca * cg, sa * sb * cg - ca * sg
+        Q[2, 0], Q[2, 1], Q[2, 2] = -sb, cb * sg, cb * cg
+        # The axes in base: z, Rz y = (-sa, ca, 0) and Rz Ry x = (ca cb, sa cb, -sb).
+        a, b, g = rates[n, 0], rates[n, 1], rates[n, 2]
+        omega[0] = -sa * b + ca * cb * g
+        omega[1] = ca * b + sa * cb * g
+        omega[2] = a - sb * g
+        da, db, dg = growths[n, 0], growths[n, 1], growths[n, 2]
+        # The products of the rates belong to the axes that turn.
+        alpha[0] = -sa * db + ca * cb * dg - ca * a * b - sa * cb * a * g - ca * sb * b * g
+        alpha[1] = ca * db + sa * cb * dg - sa * a * b + ca * cb * a * g - sa * sb * b * g
+        alpha[2] = da - sb * dg - cb * b * g

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspr_kinematics.arrays import FloatArray, broadcast_batch, checked
+from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError
+from cspr_kinematics.motion._rotation import euler_motions
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
-from cspr_kinematics.motion.so3 import cross, rotation_from_euler
+from cspr_kinematics.motion.so3 import cross
 
-# A quaternion shorter than this has no direction left that rounding has not touched.
+# The direction of a quaternion shorter than this is spoilt by rounding.
 _SHORTEST_QUATERNION = 1e-6
 
 
@@ -34,9 +37,9 @@ def motion_from_euler(
 ) -> Motion:
     """Return the motion of a platform with Q = Rz(alpha) Ry(beta) Rx(gamma) (eq. 4).
 
-    The angular velocity is the sum of the three rates, each about its own axis as the rotations before it
-    carry it: omega = alpha' z + beta' Rz y + gamma' Rz Ry x. The angular acceleration adds the turning of
-    those axes.
+    The angular velocity is the sum of the three rates, each about its own axis as turned by the rotations
+    before it: omega = alpha' z + beta' Rz y + gamma' Rz Ry x. The angular acceleration takes into
+    account that those axes turn.
 
     Parameters
     ----------
@@ -62,24 +65,14 @@ def motion_from_euler(
     batch = broadcast_batch(
         angles=q.shape[:-1], angle_rates=qd.shape[:-1], angle_accelerations=qdd.shape[:-1]
     )
-    q, qd, qdd = (np.broadcast_to(x, (*batch, 3)) for x in (q, qd, qdd))
-    sin, cos = np.sin(q), np.cos(q)
-    zero, one = np.zeros(batch), np.ones(batch)
-    z = np.stack((zero, zero, one), axis=-1)
-    y = np.stack((-sin[..., 0], cos[..., 0], zero), axis=-1)
-    x = np.stack((cos[..., 0] * cos[..., 1], sin[..., 0] * cos[..., 1], -sin[..., 1]), axis=-1)
-    about_z = qd[..., :1] * z
-    about_zy = about_z + qd[..., 1:2] * y
-    omega = about_zy + qd[..., 2:] * x
-    alpha = (
-        qdd[..., :1] * z
-        + qdd[..., 1:2] * y
-        + qdd[..., 2:] * x
-        + qd[..., 1:2] * cross(about_z, y)
-        + qd[..., 2:] * cross(about_zy, x)
+    n = math.prod(batch)
+    angles, rates, growths = (
+        kernel_input(x if x.shape[:-1] == batch else np.broadcast_to(x, (*batch, 3)), n, 3)
+        for x in (q, qd, qdd)
     )
-    rotation = rotation_from_euler(q[..., 0], q[..., 1], q[..., 2])
-    return Motion(Pose(p, rotation), Twist(v, omega), Acceleration(a, alpha))
+    Q, omega, alpha = np.empty((*batch, 3, 3)), np.empty((*batch, 3)), np.empty((*batch, 3))
+    euler_motions(angles, rates, growths, Q.reshape(n, 3, 3), omega.reshape(n, 3), alpha.reshape(n, 3))
+    return Motion(Pose(p, Q), Twist(v, omega), Acceleration(a, alpha))
 
 
 def motion_from_quaternion(
@@ -92,7 +85,7 @@ def motion_from_quaternion(
 ) -> Motion:
     """Return the motion of a platform whose orientation is a quaternion and its derivatives in time.
 
-    With q any quaternion curve, not only of unit norm (its direction is the rotation):
+    q may be any curve of quaternions, not only of unit norm; its direction is the rotation:
     omega = 2 vec(q' q*) / |q|^2, alpha = 2 vec(q'' q*) / |q|^2 - 2 (q . q') / |q|^2 omega.
 
     Parameters
@@ -124,7 +117,7 @@ def motion_from_quaternion(
     )
     square = np.einsum("...i,...i->...", q, q)[..., None]
     if square.size and square.min() < _SHORTEST_QUATERNION**2:
-        raise InvalidInputError("quaternion_xyzw", q, "a quaternion of no length is no rotation")
+        raise InvalidInputError("quaternion_xyzw", q, "a quaternion of length zero is no rotation")
     omega = 2.0 * _vector_of_product(qd, q) / square
     growth = 2.0 * np.einsum("...i,...i->...", q, qd)[..., None] / square
     alpha = 2.0 * _vector_of_product(qdd, q) / square - growth * omega
@@ -135,24 +128,24 @@ def motion_from_quaternion(
 class PoseSpline:
     """A smooth trajectory through sampled poses, with the twist and acceleration that belong to it.
 
-    Splines of the fifth degree (of the third for four or five samples) through positions and quaternions; the
-    rotation is the direction of the quaternion's spline, so that pose, twist and acceleration agree exactly.
+    Quintic splines (cubic ones for four or five samples) through positions and quaternions; the rotation is
+    the direction of the quaternion spline, so that pose, twist and acceleration agree exactly.
 
     Parameters
     ----------
     times : array_like, shape (n,)
-        Increasing, s; at least four.
+        Strictly increasing, s; at least four.
     poses : Pose
         A batch of n.
 
     Raises
     ------
     InvalidInputError
-        If times do not increase or do not fit the poses. From a call, if a time lies outside the samples.
+        If times do not increase or do not match the poses. On a call, if a time lies outside the samples.
     """
 
     def __init__(self, times: ArrayLike, poses: Pose) -> None:
-        from scipy.interpolate import make_interp_spline  # as long to import as all the rest
+        from scipy.interpolate import make_interp_spline  # takes as long to import as everything else
 
         t = checked("times", times)
         if t.ndim != 1 or poses.batch_shape != t.shape or len(t) < 4:
@@ -162,7 +155,7 @@ class PoseSpline:
         if np.any(np.diff(t) <= 0.0):
             raise InvalidInputError("times", t, "must increase")
         q = poses.quaternion
-        # of the two quaternions of a rotation the one nearer to the sample before
+        # of the two quaternions of each rotation, the one nearer to the previous sample
         turns = np.sign(np.einsum("ni,ni->n", q[1:], q[:-1]))
         q[1:] *= np.cumprod(np.where(turns == 0.0, 1.0, turns))[:, None]
         degree = 5 if len(t) >= 6 else 3

@@ -19,7 +19,7 @@ ORTHONORMALITY_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Pose(ReadOnlyArrays):
-    """Position and rotation of the platform in the base frame (MODEL section 1: p and Q).
+    """Position and rotation of the platform in the base frame (p and Q of docs/model.md, section 1).
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Pose(ReadOnlyArrays):
 
     @classmethod
     def trusted(cls, position: FloatArray, rotation: FloatArray) -> Pose:
-        """Take over arrays, without copy or check, that are poses by construction; they become read-only.
+        """Build a pose from arrays that are valid by construction, without copy or check; they become read-only.
 
         Parameters
         ----------

@@ -10,8 +10,7 @@ _NEXT = np.array([1, 2, 0])
 _AFTER_NEXT = np.array([2, 0, 1])
 _IDENTITY = np.eye(3)
 _SMALL_ANGLE = 1e-9
-# Cosine of beta below which alpha and gamma turn about the same axis, as far as rounding lets them be told
-# apart.
+# Below this cosine of beta, alpha and gamma cannot be told apart for rounding: they turn about the same axis.
 _GIMBAL_LOCK = 1e-7
 
 
@@ -45,7 +44,7 @@ def rotation_from_euler(alpha: FloatArray, beta: FloatArray, gamma: FloatArray) 
 def euler_from_rotation(rotation: FloatArray) -> FloatArray:
     """Return alpha, beta, gamma (..., 3) of eq. 4 from Q (..., 3, 3), rad; beta in [-pi/2, pi/2].
 
-    Where beta is +-pi/2 to rounding only alpha -+ gamma is known: gamma is then zero.
+    Where beta is +-pi/2 to rounding, only alpha -+ gamma is known; gamma is then set to zero.
     """
     Q = rotation
     cos_beta = np.hypot(Q[..., 0, 0], Q[..., 1, 0])

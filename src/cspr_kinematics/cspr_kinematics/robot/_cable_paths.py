@@ -1,6 +1,6 @@
 """Cable paths over swivelling pulleys, their lengths, directions and wrench matrix (docs/model.md, 1-2).
 
-Rows of a geometry array, (m, 10), hold for each cable: exit point a (3) in base, anchor point b (3) in
+A geometry array, (m, 10), has a row for each cable: exit point a (3) in base, anchor point b (3) in
 platform, pulley radius R, and the unit vector k (3) of the swivel axis in base.
 """
 
@@ -11,10 +11,10 @@ import math
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
 
-# A cable shorter than this has no direction worth the name: its anchor point lies on its exit point, m.
+# A cable shorter than this has no meaningful direction: its anchor point lies on its exit point, m.
 SHORTEST_CABLE = 1e-6
 
-# What may be wrong with the path of a cable.
+# Faults of a cable's path.
 PATH_EXISTS = 0
 NO_LENGTH = 1  # the anchor point lies on the exit point
 INSIDE_PULLEY = 2  # no tangent from the pulley reaches the anchor point
@@ -36,7 +36,7 @@ def cable_path(
     Returns
     -------
     fault : int
-        PATH_EXISTS, or what is wrong.
+        PATH_EXISTS, or one of the faults above.
     length : float
         R phi + f.
     free_length : float
@@ -55,7 +55,7 @@ def cable_path(
     h = dx * kx + dy * ky + dz * kz
     ex, ey, ez = dx - h * kx, dy - h * ky, dz - h * kz
     s = math.sqrt(ex * ex + ey * ey + ez * ez)
-    # f^2 = (s - R)^2 + h^2 - R^2, in the form that does not cancel
+    # f^2 = (s - R)^2 + h^2 - R^2, in a form without cancellation
     free_square = s * (s - 2.0 * radius) + h * h
     if free_square < SHORTEST_CABLE * SHORTEST_CABLE:
         return INSIDE_PULLEY, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -66,7 +66,7 @@ def cable_path(
     cosine = (free * h - radius * across) / square
     wrap = math.atan2(sine, cosine)
     if wrap < 0.0:
-        # above the exit point the wrap is in [0, pi], and less than zero by rounding only
+        # above the exit point the wrap is in [0, pi], so that it is negative through rounding only
         wrap = 0.0 if h > 0.0 else wrap + 2.0 * math.pi
     length = radius * wrap + free
     if not length < math.inf:
@@ -90,7 +90,7 @@ def cable_path(
 def path_at(
     geometry: FloatArray, cable: int, position: FloatArray, rotation: FloatArray
 ) -> tuple[int, float, float, float, float, float, float, float, float]:
-    """Return what `cable_path` does for a cable at a pose, and its arm r = Q b."""
+    """Return the result of `cable_path` for a cable at a pose, and its arm r = Q b."""
     bx, by, bz = geometry[cable, 3], geometry[cable, 4], geometry[cable, 5]
     rx = rotation[0, 0] * bx + rotation[0, 1] * by + rotation[0, 2] * bz
     ry = rotation[1, 0] * bx + rotation[1, 1] * by + rotation[1, 2] * bz
@@ -119,7 +119,7 @@ def cables_at_pose(
     wrench_matrix: FloatArray,
     jacobian: FloatArray,
 ) -> tuple[int, int]:
-    """Fill in the cables (m, ...) at one pose; return the first fault and the index of its cable."""
+    """Fill in the cables (m, ...) at one pose; return the first fault and the index of the cable that has it."""
     for i in range(geometry.shape[0]):
         fault, length, free, ux, uy, uz, rx, ry, rz = path_at(geometry, i, position, rotation)
         if fault != PATH_EXISTS:
@@ -147,7 +147,7 @@ def cables_at_poses(
     wrench_matrix: FloatArray,
     jacobian: FloatArray,
 ) -> tuple[int, int, int]:
-    """Fill in the cables at n poses; return the first fault, the index of its cable and that of its pose."""
+    """Fill in the cables at n poses; return the first fault and the indices of cable and pose."""
     for n in range(positions.shape[0]):
         fault, cable = cables_at_pose(
             geometry,
@@ -169,7 +169,7 @@ def cables_at_poses(
 def lengths_at_poses(
     geometry: FloatArray, positions: FloatArray, rotations: FloatArray, lengths: FloatArray
 ) -> tuple[int, int, int]:
-    """Fill in the cable lengths alone, which are also known where an anchor point is on its swivel axis."""
+    """Fill in the cable lengths alone, which exist even where an anchor point lies on its swivel axis."""
     for n in range(positions.shape[0]):
         for i in range(geometry.shape[0]):
             fault, length, _, _, _, _, _, _, _ = path_at(geometry, i, positions[n], rotations[n])

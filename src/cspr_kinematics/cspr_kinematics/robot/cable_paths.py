@@ -1,4 +1,4 @@
-"""From points and pulleys to the geometry the kernels work on, and from their faults to errors."""
+"""The geometry that the kernels work on, from points and pulleys; and errors from the kernels' faults."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from cspr_kinematics.robot.pulleys import Pulleys
 MINIMUM_CABLES = 6
 _REASONS = {
     NO_LENGTH: "its anchor point coincides with its exit point and the cable has no length",
-    INSIDE_PULLEY: "cannot reach its pulley; the anchor point lies inside it",
+    INSIDE_PULLEY: "it cannot reach its pulley, because the anchor point lies inside it",
     ON_SWIVEL_AXIS: "its anchor point lies on the swivel axis, where the pulley has no direction",
     BEYOND_RANGE: "its length exceeds the range of numbers",
 }
 
 
 def path_geometry(exit_points: FloatArray, anchor_points: FloatArray, pulleys: Pulleys) -> FloatArray:
-    """Return the geometry array (m, 10) of `kernels.cable_kernels`.
+    """Return the geometry array (m, 10) that the kernels of cable paths work on.
 
     Raises
     ------
     InvalidInputError
-        If the pulleys are those of another number of cables.
+        If the pulleys are for a different number of cables.
     """
     m = len(exit_points)
     radii, axes = pulleys.radii(m), pulleys.axes(m)
@@ -77,8 +77,8 @@ def home_lengths(
 ) -> FloatArray:
     """Return the cable lengths (m,) at a home pose, which are the zero of the winches, m.
 
-    For whoever builds a robot from other points than a file's: `Winch.home_lengths` must fit them, and with
-    pulleys they are not the distances of the points.
+    For building a robot from points that do not come from a file: `Winch.home_lengths` must match them, and with
+    pulleys these are not the distances between the points.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def home_lengths(
     Raises
     ------
     InvalidInputError
-        If the points do not fit each other or the pulleys, home is a batch, or a cable has no path there.
+        If the points do not match each other or the pulleys, home is a batch, or a cable has no path there.
     """
     exits, anchors = (
         checked_points("exit_points", exit_points),
@@ -125,7 +125,7 @@ def checked_points(name: str, value: ArrayLike) -> FloatArray:
 
 
 def check_cables(exit_points: Sized, anchor_points: Sized) -> None:
-    """Refuse points (m, 3) that are too few, or do not belong to each other.
+    """Raise an error if there are too few points (m, 3), or not as many of one kind as of the other.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def check_cables(exit_points: Sized, anchor_points: Sized) -> None:
         raise InvalidInputError(
             "exit_points",
             exit_points,
-            f"{len(exit_points)} cables; six degrees of freedom take at least {MINIMUM_CABLES}",
+            f"{len(exit_points)} cables; six degrees of freedom need at least {MINIMUM_CABLES}",
         )
     if len(anchor_points) != len(exit_points):
         raise InvalidInputError(

@@ -15,11 +15,11 @@ UPWARDS = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Pulleys(ReadOnlyArrays):
-    """The pulleys over which the cables leave the frame, alike for all cables or one by one.
+    """The pulleys over which the cables leave the frame: the same for all cables, or one for each.
 
-    A cable comes from its winch along the swivel axis, in the axis' direction, and meets the pulley at the
-    exit point, where the axis touches the bottom of the groove. The pulley turns about the axis so that its
-    plane holds the anchor point, with its centre on the anchor point's side. With axis +z, the default, the
+    A cable comes from its winch along the swivel axis, in the direction of the axis, and meets the pulley at
+    the exit point, where the axis touches the bottom of the groove. The pulley turns about the axis so that its
+    plane contains the anchor point, and its centre is on the side of the anchor point. With axis +z, the default, the
     cable runs up a post from a winch near the floor and over the pulley; with -z it comes down from above.
 
     Attributes
@@ -32,7 +32,7 @@ class Pulleys(ReadOnlyArrays):
     Raises
     ------
     InvalidInputError
-        If a radius is negative, an axis has no length, or a value is not finite or has another shape.
+        If a radius is negative, an axis has length zero, or a value is not finite or has another shape.
     """
 
     radius: FloatArray
@@ -51,7 +51,7 @@ class Pulleys(ReadOnlyArrays):
             )
         largest = np.abs(axes).max(axis=-1, keepdims=True)
         if not np.all(largest > 0.0):
-            raise InvalidInputError("swivel_axis", swivel_axis, "an axis without length has no direction")
+            raise InvalidInputError("swivel_axis", swivel_axis, "an axis of length zero has no direction")
         axes = axes / largest  # so that no square overflows
         object.__setattr__(self, "radius", frozen(radii))
         object.__setattr__(self, "swivel_axis", frozen(axes / np.linalg.norm(axes, axis=-1, keepdims=True)))
@@ -67,7 +67,7 @@ class Pulleys(ReadOnlyArrays):
         Raises
         ------
         InvalidInputError
-            If the pulleys are those of another number of cables; so does `axes`.
+            If the pulleys are for a different number of cables, as in `axes`.
         """
         return self._for_cables("radius", self.radius, (number_of_cables,))
 

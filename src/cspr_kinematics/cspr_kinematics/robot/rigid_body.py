@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike
 from cspr_kinematics.arrays import (
     FloatArray,
     ReadOnlyArrays,
-    checked,
     frozen,
     non_negative_number,
     positive_number,
+    single,
 )
 from cspr_kinematics.errors import InvalidInputError
 
-# Rounding allowance, relative to the largest element, in the tests of what an inertia must be.
+# Allowance for rounding in the checks of an inertia, relative to its largest element.
 _INERTIA_TOLERANCE = 1e-9
-# Where the elements of an inertia tensor stand among the inertial parameters.
+# Indices of the elements of an inertia tensor among the inertial parameters.
 _TENSOR_PLACES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
@@ -69,15 +69,15 @@ class RigidBody(_MassProperties):
     Raises
     ------
     InvalidInputError
-        If the mass is not positive, a value is not finite or has another shape, or the inertia is one that
-        no body can have.
+        If the mass is not positive, a value is not finite or has another shape, or no body can
+        have the inertia.
     """
 
     inertia: FloatArray
 
     def __init__(self, mass: float, center_of_mass: ArrayLike, inertia: ArrayLike) -> None:
         object.__setattr__(self, "mass", positive_number("mass", mass))
-        object.__setattr__(self, "center_of_mass", _single_vector("center_of_mass", center_of_mass))
+        object.__setattr__(self, "center_of_mass", single("center_of_mass", center_of_mass, 3))
         object.__setattr__(self, "inertia", _inertia("inertia", inertia))
 
     @cached_property
@@ -87,19 +87,15 @@ class RigidBody(_MassProperties):
 
     @classmethod
     def from_inertial_parameters(cls, parameters: ArrayLike) -> RigidBody:
-        """Build the body that has given inertial parameters (10,), the inverse of `inertial_parameters`.
+        """Build the body with the given inertial parameters (10,); the inverse of `inertial_parameters`.
 
         Raises
         ------
         InvalidInputError
-            If no body has them: mass or principal moments are not positive, or two moments add to less than
-            the third.
+            If no body has them: mass or principal moments are not positive, or two moments add up to less
+            than the third.
         """
-        pi = checked("inertial parameters", parameters, 10)
-        if pi.ndim != 1:
-            raise InvalidInputError(
-                "inertial parameters", parameters, f"shape {pi.shape} where (10,) is needed"
-            )
+        pi = single("inertial parameters", parameters, 10)
         mass = positive_number("mass", pi[0])
         center = pi[1:4] / mass
         about_origin = pi[_TENSOR_PLACES]
@@ -113,9 +109,9 @@ class Payload(_MassProperties):
     Attributes
     ----------
     mass : float
-        Mass, kg; zero for nothing.
+        Mass, kg; zero for no payload.
     center_of_mass : numpy.ndarray, shape (3,)
-        Its place from the platform's origin in platform axes, m.
+        Position from the platform's origin in platform axes, m.
 
     Raises
     ------
@@ -125,7 +121,7 @@ class Payload(_MassProperties):
 
     def __init__(self, mass: float, center_of_mass: ArrayLike) -> None:
         object.__setattr__(self, "mass", non_negative_number("payload mass", mass))
-        object.__setattr__(self, "center_of_mass", _single_vector("payload center_of_mass", center_of_mass))
+        object.__setattr__(self, "center_of_mass", single("payload center_of_mass", center_of_mass, 3))
 
     @classmethod
     def none(cls) -> Payload:
@@ -138,17 +134,8 @@ def _point_inertia(mass: float, position: FloatArray) -> FloatArray:
     return np.asarray(mass * ((position @ position) * np.eye(3) - np.outer(position, position)))
 
 
-def _single_vector(name: str, value: ArrayLike) -> FloatArray:
-    vector = checked(name, value, 3)
-    if vector.ndim != 1:
-        raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
-    return frozen(vector)
-
-
 def _inertia(name: str, value: ArrayLike) -> FloatArray:
-    inertia = checked(name, value, 3, 3)
-    if inertia.ndim != 2:
-        raise InvalidInputError(name, value, f"shape {inertia.shape} where (3, 3) is needed")
+    inertia = single(name, value, 3, 3)
     tolerance = _INERTIA_TOLERANCE * np.abs(inertia).max()
     if np.abs(inertia - inertia.T).max() > tolerance:
         raise InvalidInputError(name, value, "no body has this inertia: not symmetric")
@@ -162,6 +149,6 @@ def _inertia(name: str, value: ArrayLike) -> FloatArray:
         raise InvalidInputError(
             name,
             value,
-            f"no body has this inertia: of the principal moments {shown} two add to less than the third",
+            f"no body has this inertia: two of the principal moments {shown} add up to less than the third",
         )
-    return frozen(inertia)
+    return inertia

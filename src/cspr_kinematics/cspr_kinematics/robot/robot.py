@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 from cspr_kinematics.arrays import (
     FloatArray,
     ReadOnlyArrays,
-    checked,
-    frozen,
     non_negative_number,
     positive_number,
+    single,
 )
 from cspr_kinematics.configuration.structure import located
 from cspr_kinematics.configuration.yaml_file import read_yaml
@@ -28,7 +27,7 @@ from cspr_kinematics.robot.rigid_body import RigidBody
 from cspr_kinematics.robot.robot_description import robot_parts
 from cspr_kinematics.robot.winch import Motor, Winch
 
-# A winch whose zero is off by more than this was not set up for this home pose, m.
+# A winch whose zero is off by more than this was not set up for the home pose, m.
 _HOME_LENGTH_TOLERANCE = 1e-6
 
 
@@ -58,15 +57,15 @@ class Robot(ReadOnlyArrays):
     workspace_min, workspace_max : numpy.ndarray, shape (3,)
         Bounds of the platform's origin in base, m.
     trajectory_center : numpy.ndarray, shape (3,)
-        Place in base about which the test trajectories run, m.
+        Point in base about which the test trajectories run, m.
     pulleys : Pulleys
-        At the exit points; by default of radius 0, which is no pulley.
+        At the exit points; by default of radius 0, that is, no pulleys.
 
     Raises
     ------
     InvalidInputError
-        If a value is not finite or has another shape; with fewer than 6 cables, or not as many anchor
-        points or pulleys as exit points; if limits are not in order, the home pose or the trajectories'
+        If a value is not finite or has another shape; if there are fewer than 6 cables, or not as
+        many anchor points or pulleys as exit points; if limits are not in order, the home pose or the trajectories'
         centre lies outside the workspace, or the winch's home lengths are not the cable lengths at the home
         pose.
     """
@@ -92,7 +91,7 @@ class Robot(ReadOnlyArrays):
         self._set("anchor_points", checked_points("anchor_points", self.anchor_points))
         check_cables(self.exit_points, self.anchor_points)
         for name in ("frame_size", "platform_size", "workspace_min", "workspace_max", "trajectory_center"):
-            self._set(name, _vector(name, getattr(self, name)))
+            self._set(name, single(name, getattr(self, name), 3))
         for name in ("frame_size", "platform_size"):
             if getattr(self, name).min() <= 0.0:
                 raise InvalidInputError(name, getattr(self, name), "every dimension must be positive")
@@ -112,7 +111,7 @@ class Robot(ReadOnlyArrays):
 
     @cached_property
     def path_geometry(self) -> FloatArray:
-        """What the kernels know of the cables, (m, 10): exit and anchor points, pulley radii, swivel axes."""
+        """The cables as the kernels see them, (m, 10): exit and anchor points, pulley radii, swivel axes."""
         return path_geometry(self.exit_points, self.anchor_points, self.pulleys)
 
     def with_geometry(
@@ -123,12 +122,12 @@ class Robot(ReadOnlyArrays):
         pulleys: Pulleys | None = None,
         home: Pose | None = None,
     ) -> Robot:
-        """Return this robot with other points, pulleys or home pose, and the winches' zero set for them.
+        """Return this robot with other points, pulleys or home pose, and the zero of the winches set to match.
 
         Raises
         ------
         InvalidInputError
-            As the constructor.
+            As in the constructor.
         """
         exits = self.exit_points if exit_points is None else checked_points("exit_points", exit_points)
         anchors = (
@@ -201,10 +200,3 @@ class Robot(ReadOnlyArrays):
             raise InvalidInputError(
                 "winch", given, f"home_lengths must be the cable lengths at home, {lengths.tolist()}"
             )
-
-
-def _vector(name: str, value: ArrayLike) -> FloatArray:
-    vector = checked(name, value, 3)
-    if vector.ndim != 1:
-        raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
-    return frozen(vector)

@@ -1,4 +1,4 @@
-"""Winch transmission between motor shaft and cable (MODEL sections 2 and 3), and the motor itself."""
+"""Winch transmission between motor shaft and cable (docs/model.md, sections 2 and 3), and the motor itself."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Winch(ReadOnlyArrays):
         object.__setattr__(self, "gear_ratio", positive_number("gear_ratio", gear_ratio))
         lengths = checked("home_lengths", home_lengths)
         if lengths.ndim != 1 or not np.all(lengths > 0.0):
-            raise InvalidInputError("home_lengths", home_lengths, "must be one positive length a cable")
+            raise InvalidInputError("home_lengths", home_lengths, "must be one positive length per cable")
         object.__setattr__(self, "home_lengths", frozen(lengths))
 
     @property
@@ -86,20 +86,20 @@ class Winch(ReadOnlyArrays):
 
 @dataclass(frozen=True)
 class Motor:
-    """One winch motor; every quantity is referred to the motor shaft.
+    """The motor of a winch; every quantity refers to the motor shaft.
 
     Attributes
     ----------
     inertia : float
-        Of all that turns with the shaft, kg m^2.
+        Of everything that turns with the shaft, kg m^2.
     torque_limit : float
-        Largest torque either way, N m.
+        Largest torque in either direction, N m.
     speed_limit : float
-        Largest speed either way, rad/s.
+        Largest speed in either direction, rad/s.
     coulomb_friction : float
-        F_s of MODEL section 5, N m.
+        F_s of eq. 14, N m.
     viscous_friction : float
-        F_v of MODEL section 5, N m s/rad.
+        F_v of eq. 14, N m s/rad.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Loops over batches of tension distributions, and what a result says besides the tensions."""
+"""Tension distribution for batches, and the parts of a result other than the tensions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cspr_kinematics.tensions._separating_direction import separating_direction_
 ACTIVE_TOLERANCE = 1e-9
 
 
-# What the tensions shall be.
+# Codes of the methods.
 MINIMUM_NORM = 0
 CLOSEST = 1
 CENTROID = 2
@@ -67,21 +67,21 @@ def distribute_batch(
     status, steps : numpy.ndarray of int, shape (n,)
         Receive a `TensionStatus`, or SINGULAR, and the steps of the solvers.
     direction : numpy.ndarray, shape (n, 6)
-        Receives the separating direction of each wrench out of reach of a bounded method; NaN for the others.
+        Receives a separating direction for each wrench out of reach of a bounded method; NaN for the others.
     separation : numpy.ndarray, shape (n,)
         Receives the distance that each of them proves; NaN for the others.
     residual_wrench : numpy.ndarray, shape (n, 6)
     residual, margin : numpy.ndarray, shape (n,)
     active : numpy.ndarray of int8, shape (n, m)
     feasible : numpy.ndarray of bool, shape (n,)
-        Receive the rest of what a `TensionResult` says.
+        Receive the other fields of a `TensionResult`.
 
     Returns
     -------
     singular : int
         How many wrench matrices are singular.
     finite : bool
-        Whether all wrench errors are finite, which they are not for any wrench or matrix that is not.
+        Whether all wrench errors are finite; they are not if a wrench or a matrix is not.
     """
     singular, finite = 0, True
     for k in range(first, after_last):

@@ -1,7 +1,7 @@
 """Tensions for one pose: nearest to a reference, of least norm, or in the middle; steps are bounded.
 
 The kernels that look for a middle start from the tensions of `bounded_tensions_kernel`, and keep them where
-there is none. They do not call it, because what a kernel calls is compiled once more with it.
+there is none. They do not call it, because whatever a kernel calls is compiled again with it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class TensionStatus(IntEnum):
 
     - EXACT: the tensions give the wrench; those of a bounded method lie within the limits.
     - INFEASIBLE: no tensions within the limits give the wrench; these are the ones of least weighted error.
-    - ITERATION_LIMIT: the cap on steps was reached; the tensions lie within the limits, and no more is known.
+    - ITERATION_LIMIT: the cap on steps was reached; the tensions lie within the limits, but nothing else is known.
     """
 
     EXACT = 0
@@ -38,7 +38,7 @@ class TensionStatus(IntEnum):
 EXACT = int(TensionStatus.EXACT)
 INFEASIBLE = int(TensionStatus.INFEASIBLE)
 ITERATION_LIMIT = int(TensionStatus.ITERATION_LIMIT)
-SINGULAR = 3  # the wrench matrix has lost a rank, which callers turn into an error
+SINGULAR = 3  # the wrench matrix is rank-deficient, which callers turn into an error
 
 # A wrench counts as reached when its error is below this share of it (of one newton for smaller ones).
 WRENCH_TOLERANCE = 1e-6
@@ -68,8 +68,8 @@ def bounded_tensions_kernel(
     w : numpy.ndarray, shape (6,)
         Wrench, N and N m.
     t_min, t_max, t_reference : numpy.ndarray, shape (m,)
-        N; of all feasible tensions the nearest to t_reference is the solution, for zeros the bounded one of
-        least norm.
+        N; the solution is the feasible tensions nearest to t_reference; for zeros, the bounded ones of least
+        norm.
     weights : numpy.ndarray, shape (6,)
         Positive weights of the squared wrench error's components.
     tensions : numpy.ndarray, shape (m,)
@@ -80,7 +80,7 @@ def bounded_tensions_kernel(
     status : int
         A `TensionStatus` or SINGULAR.
     residual : float
-        |A t - w|, newton and newton metre alike.
+        |A t - w|; N and N m count alike.
     steps : int
         Steps of the solvers; at most 20 m in all.
     """
@@ -273,7 +273,7 @@ def _tensions_at(
     t_max: FloatArray,
     tensions: FloatArray,
 ) -> bool:
-    """Write p + N x, brought within the limits; return whether it was there but for rounding."""
+    """Write p + N x, brought within the limits; return whether it was there already, to within rounding."""
     inside = True
     for i in range(particular.shape[0]):
         value = particular[i]

@@ -7,7 +7,7 @@ import numpy as np
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
 
-# Below this ratio of the triangular factor's smallest to its largest diagonal element, A has lost a rank.
+# Below this ratio of the triangular factor's smallest to its largest diagonal element, A is rank-deficient.
 RANK_TOLERANCE = 1e-9
 
 

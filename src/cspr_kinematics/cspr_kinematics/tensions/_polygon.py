@@ -1,4 +1,4 @@
-"""Feasible tensions of eight cables: a convex polygon in the 2-dimensional null space of the wrench matrix.
+"""The feasible tensions of eight cables are a convex polygon in the 2-dimensional null space of the wrench matrix.
 
 With t = p + N x, p the minimum-norm tensions and N (m, 2) an orthonormal basis of the null space, each cable
 bounds x by two parallel lines. Any two cables with independent rows of N make a parallelogram, which the

@@ -23,7 +23,7 @@ def separating_direction_kernel(
     Parameters
     ----------
     A, w, t_min, t_max, weights
-        As for `tension_kernels.bounded_tensions_kernel`.
+        As in `bounded_tensions_kernel`.
     tensions : numpy.ndarray, shape (m,)
         Its solution, of least weighted wrench error.
     direction : numpy.ndarray, shape (6,)
@@ -81,7 +81,7 @@ def separating_direction_kernel(
 
 @kernel
 def _make_orthogonal(basis: FloatArray, count: int, vector: FloatArray) -> None:
-    """Take from a vector its parts along the first `count` rows of an orthonormal basis."""
+    """Remove from a vector its components along the first `count` rows of an orthonormal basis."""
     for _ in range(2):  # twice is enough for orthogonality to rounding
         for j in range(count):
             projection = 0.0

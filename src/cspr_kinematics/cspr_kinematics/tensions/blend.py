@@ -1,4 +1,4 @@
-"""Change of the distribution method while the robot moves, without a jump of the tensions."""
+"""Change of the distribution method while the robot moves, without a jump in the tensions."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ class _Choice:
 
 
 class TensionBlend:
-    """Distributes wrenches with a method that may be changed while running.
+    """Distributes wrenches by a method that may be changed while the robot moves.
 
     After a change the tensions pass from the old method's to the new one's as mixtures of the two. Both give
-    the wrench and keep within the limits, hence so does every mixture: the platform does not feel the change.
-    The change moves no tension faster than `slew`; what the trajectory does to the tensions comes on top and
-    is not held back.
+    the wrench and stay within the limits, hence so does every mixture: the platform does not feel the change.
+    The change moves no tension faster than `slew`; what the trajectory does to the tensions comes on top
+    and is not limited.
 
     Parameters
     ----------
     method : {"minimum_norm", "closest", "centroid", "analytic_center"}
         The first method.
     slew : float
-        Fastest change of a tension for the sake of another method, N/s.
+        Fastest change of a tension due to a change of method, N/s.
     reference : float or array_like, shape (m,), optional
-        Tensions that `closest` shall come near to, N.
+        Tensions that `closest` approaches, N.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class TensionBlend:
 
     @property
     def slew(self) -> float:
-        """Fastest change of a tension for the sake of another method, N/s; it may be set at any time."""
+        """Fastest change of a tension due to a change of method, N/s; it may be set at any time."""
         return self._slew
 
     @slew.setter
@@ -65,7 +65,7 @@ class TensionBlend:
 
     @property
     def method(self) -> Method:
-        """The method that is used, or passed to."""
+        """The method in use, or the one to which the tensions are passing."""
         return self._choices[-1].method
 
     @property
@@ -74,7 +74,7 @@ class TensionBlend:
         return len(self._choices) == 1
 
     def select(self, method: Method, reference: ArrayLike = 0.0) -> None:
-        """Pass to another method, or to another reference, from the next distribution on."""
+        """Pass to another method or another reference, from the next distribution on."""
         if method not in METHODS:
             raise InvalidInputError("method", method, f"known are {', '.join(METHODS)}")
         near = frozen(checked("reference", reference))
@@ -114,7 +114,7 @@ class TensionBlend:
         ]
         target = results[-1]
         if target.feasible.ndim:
-            raise InvalidInputError("wrench", wrench, "one pose at a time, no batch")
+            raise InvalidInputError("wrench", wrench, "must be a single one, not a batch")
         if self.settled:
             return target
         tensions = np.zeros_like(target.tensions)

@@ -1,4 +1,4 @@
-"""Distribution of a wrench over the cables (eq. 15; MODEL section 4)."""
+"""Distribution of a wrench over the cables (eq. 15; docs/model.md, section 6)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LEAST_PER_THREAD = 500
 
 
 def bounded_methods(number_of_cables: int) -> tuple[Method, ...]:
-    """Return the methods that keep tensions within the limits, for a robot with so many cables."""
+    """Return the methods that keep tensions within the limits, for a robot with that many cables."""
     known = [method for method in METHODS if method != "minimum_norm"]
     return tuple(m for m in known if m != "centroid" or number_of_cables <= _MOST_CABLES_WITH_CENTROID)
 
@@ -48,49 +48,48 @@ def distribute_tensions(
     weights: ArrayLike | None = None,
     threads: int = 1,
 ) -> TensionResult:
-    """Return tensions t with A t = w, or as near to it as the method can get.
+    """Return tensions t with A t = w, or as close to it as the method gets.
 
-    `minimum_norm`: t = A^+ w (eq. 15), whatever sign and size it has; `feasible` tells. The other methods
-    keep t inside the limits:
+    `minimum_norm`: t = A^+ w (eq. 15), whatever its sign and size; `feasible` tells whether the limits hold.
+    The other methods keep t within the limits:
 
-    - `closest`: of all feasible tensions the nearest to the reference; with the default reference of zero
-      those of least norm, A^+ w itself where that is inside the limits.
+    - `closest`: of all feasible tensions those nearest to the reference; with the default reference of zero,
+      those of least norm, which is A^+ w itself where that is within the limits.
     - `centroid`: the centre of area of all feasible tensions, far from the limits; for 6 to 8 cables.
     - `analytic_center`: the feasible tensions with the largest product of distances to the limits; for any
-      number of cables, and smooth along a trajectory where the others have kinks.
+      number of cables; smooth along a trajectory, where the others have kinks.
 
-    Where no tensions inside the limits give the wrench, these three return the ones of least weighted wrench
-    error, with a direction that proves it (`TensionResult.separating_direction`). At the border of what is
-    feasible the two answers meet, so that tensions are continuous along a trajectory that crosses it. Each
-    takes at most 20 m + 100 steps of its solvers.
+    Where no tensions within the limits give the wrench, these three return the ones of least weighted wrench
+    error, with a direction that proves there are none (`TensionResult.separating_direction`). The two solutions
+    agree at the border of what is feasible, so tensions are continuous along a trajectory that crosses it. Each
+    method takes at most 20 m + 100 steps of its solvers.
 
     Parameters
     ----------
     wrench_matrix : array_like, shape (..., 6, m)
         A.
     wrench : array_like, shape (..., 6)
-        w, the wrench the cables shall supply.
+        w, the wrench that the cables are to supply.
     t_min, t_max : float or array_like, shape (..., m)
         Limits of the tensions, N.
     method : {"minimum_norm", "closest", "centroid", "analytic_center"}
     reference : float or array_like, shape (..., m), optional
-        Tensions that `closest` shall come near to, N. The other bounded methods use it where the wrench is
+        Tensions that `closest` approaches, N. The other bounded methods use it where the wrench is
         out of reach and the cables still leave a choice.
     weights : array_like, shape (6,), optional
         Positive weights of the squared components of the wrench error where the wrench is out of reach;
-        by default newton and newton metre count alike.
+        by default N and N m count alike.
     threads : int
-        Number of threads among which a batch is shared.
+        Number of threads among which a batch is divided.
 
     Raises
     ------
     InvalidInputError
         If a value is not finite or has another shape, batch axes do not broadcast, a lower limit is not
-        below its upper one, a weight is not positive, the method is unknown, or `centroid` is asked for more
-        than 8 cables.
+        below its upper one, a weight is not positive, the method is unknown, or `centroid` is requested for
+        more than 8 cables.
     SingularWrenchMatrixError
-        If a wrench matrix has lost a rank: the cables cannot hold the platform against every wrench there,
-        whatever their tensions.
+        If a wrench matrix is rank-deficient: there are wrenches that no tensions at all can balance.
     """
     if method not in METHODS:
         raise InvalidInputError("method", method, f"known are {', '.join(METHODS)}")
@@ -129,9 +128,7 @@ def distribute_tensions(
         if singular:
             raise _singular(problem[0], status, batch)
         if not finite:
-            raise InvalidInputError(
-                "wrench", w, "with these limits and weights the tensions exceed the range of numbers"
-            )
+            raise InvalidInputError("wrench", w, "with these limits and weights the tensions overflow")
     return TensionResult(
         in_batch(tensions, batch),
         in_batch(feasible, batch),
@@ -147,7 +144,7 @@ def distribute_tensions(
 
 
 def _stacked(array: FloatArray, batch: tuple[int, ...], *own: int) -> FloatArray:
-    """Return `array` with the batch as one axis; of size 1 if all of the batch share it."""
+    """Return `array` with the batch as one axis, of size 1 if the whole batch shares it."""
     if array.ndim == len(own):
         return kernel_input(array, 1, *own)
     if array.shape[: -len(own)] != batch:
@@ -156,7 +153,7 @@ def _stacked(array: FloatArray, batch: tuple[int, ...], *own: int) -> FloatArray
 
 
 def _limits(t_min: Any, t_max: Any, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the limits for each cable, as `_per_cable`."""
+    """Return the limits of each cable, in the form of `_per_cable`."""
     low, high = _per_cable("t_min", t_min, shape), _per_cable("t_max", t_max, shape)
     wrong = t_min >= t_max if isinstance(t_min, float) and isinstance(t_max, float) else (low >= high).any()
     if wrong:
@@ -165,7 +162,7 @@ def _limits(t_min: Any, t_max: Any, shape: tuple[int, ...]) -> tuple[FloatArray,
 
 
 def _per_cable(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return a value for each cable, as `_stacked`; it may have any shape that broadcasts to `shape`."""
+    """Return a value for each cable in the form of `_stacked`; any shape that broadcasts to `shape` will do."""
     m = shape[-1]
     if isinstance(value, float) and math.isfinite(value):
         return _same_for_all(float(value), m)

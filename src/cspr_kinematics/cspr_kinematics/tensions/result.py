@@ -1,4 +1,4 @@
-"""What a tension distribution answers: the tensions, and whether they are any good."""
+"""Result of a tension distribution: the tensions, and whether they can be used."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from cspr_kinematics.arrays import BoolArray, FloatArray
 
 
 class TensionResult(NamedTuple):
-    """Cable tensions for a wrench, and whether they are any good; arrays are read-only.
+    """Cable tensions for a wrench, and whether they can be used; arrays are read-only.
 
     Attributes
     ----------
     tensions : numpy.ndarray, shape (..., m)
-        t, N; positive pulls.
+        t, N; positive when the cable pulls.
     feasible : numpy.ndarray of bool, shape (...)
         Whether the tensions lie in [t_min, t_max] and give the wrench (within 1e-6 of its norm).
     residual : numpy.ndarray, shape (...)
-        Norm of the wrench error A t - w; newton and newton metre count alike, as at a lever of 1 m.
+        Norm of the wrench error A t - w; N and N m count alike, as with a lever of 1 m.
     residual_wrench : numpy.ndarray, shape (..., 6)
         The wrench error A t - w itself, N and N m.
     margin : numpy.ndarray, shape (...)
-        Distance of the tensions to the nearest limit, N; negative by how much one is violated.
+        Distance of the tensions from the nearest limit, N; negative if one is violated, by that much.
     active : numpy.ndarray of int8, shape (..., m)
         -1 where a tension is at or below its lower limit, 1 where at or above its upper one, 0 elsewhere.
     status : numpy.ndarray of int, shape (...)
-        A `TensionStatus` each.
+        A `TensionStatus` for each.
     steps : numpy.ndarray of int, shape (...)
         Steps that the solvers took; 0 where the answer had a closed form.
     separating_direction : numpy.ndarray, shape (..., 6)
         For a bounded method and a wrench out of reach, a unit vector d that proves it: d . w exceeds
         d . (A t) for every t within the limits. NaN elsewhere.
     separation : numpy.ndarray, shape (...)
-        By how much at least: the distance of w, along d, from every wrench within reach. NaN elsewhere.
+        The distance of w, along d, from the nearest wrench within reach. NaN elsewhere.
     """
 
     tensions: FloatArray

@@ -35,8 +35,8 @@ def segment_distance_kernel(
 ) -> float:
     """Return the distance between two segments, each from `start` to `start + span` (3,).
 
-    The squared distance is convex in the two shares along the segments: the best of its stationary point and
-    of the four edges is the minimum.
+    The squared distance is convex in the two shares along the segments: its minimum is at the stationary point
+    or on one of the four edges.
     """
     a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
@@ -83,7 +83,7 @@ def _squared_kernel(
 def box_distances_kernel(
     starts: FloatArray, spans: FloatArray, half_size: FloatArray, zone: float, distances: FloatArray
 ) -> None:
-    """Write the distance (n, m) of each cable to a box about the origin, without its first `zone` metres.
+    """Write the distance (n, m) of each cable to a box about the origin, leaving out its first `zone` metres.
 
     `starts` and `spans` (n, m, 3) in the axes of the box, `half_size` (3,).
     """
@@ -104,7 +104,7 @@ def segment_box_distance_kernel(
     """Return the distance of the points start + s span, first <= s <= 1, to a box about the origin.
 
     The squared distance is convex in s and quadratic between the planes of the box's faces. Its slope is
-    therefore increasing and linear between them, and changes sign in one of the parts.
+    therefore increasing and linear between them, and changes sign in one of the intervals.
     """
     breaks = np.empty(8)
     count = 0

@@ -1,4 +1,4 @@
-"""Faces of the set of available wrenches, and what they say about required ones."""
+"""Faces of the set of available wrenches, and the margins of required wrenches."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
 
-# Five columns whose elimination meets a pivot below this share of the first span no face.
+# Five columns whose elimination meets a pivot below this share of the first do not span a face.
 _INDEPENDENT = 1e-9
-# A set of wrenches thinner than this share of all tension ranges together is flat.
+# A set of wrenches thinner than this share of the sum of the tension ranges is flat.
 _FLAT = 1e-9
 
 
@@ -115,7 +115,7 @@ def task_kernel(
     payload_max: float,
     payload_range: FloatArray,
 ) -> float:
-    """Return the margin of a task, and write the payloads with which it could be done.
+    """Return the margin of a task, and write the range of payloads with which it is possible.
 
     The task: every payload mass p from payload_min to payload_max with every acceleration of a box. Its
     wrenches are (wrench + p wrench_per_kg) + sum_j s_j (box_j + p box_per_kg_j), |s_j| <= 1.
@@ -128,13 +128,13 @@ def task_kernel(
     box, box_per_kg : numpy.ndarray, shape (6, 6)
         Row j: the wrench of the largest acceleration along axis j.
     payload_range : numpy.ndarray, shape (2,)
-        Receives the smallest and largest mass with which every acceleration of the box is possible, kg; not a
-        number if there is none. Negative where the platform itself might be lighter.
+        Receives the smallest and largest mass with which every acceleration of the box is possible, kg; NaN if
+        there is none. Negative where the platform itself could be lighter.
 
     Returns
     -------
     float
-        Smallest distance of the task's wrenches to a face, negative if some lie outside.
+        Smallest distance of the task's wrenches from a face, negative if some lie outside.
     """
     margin = np.inf
     lowest, highest = -np.inf, np.inf

@@ -1,4 +1,4 @@
-"""What the robot can hold and how hard it can accelerate it at a pose, within the limits of its cables."""
+"""What payload the robot can hold and accelerate at a pose, within the tension limits."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cspr_kinematics.arrays import (
     FloatArray,
     ReadOnlyArrays,
     checked,
-    frozen,
     non_negative_number,
     positive_number,
+    single,
 )
 from cspr_kinematics.compiled import in_chunks, kernel_input
 from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
@@ -30,7 +30,7 @@ from cspr_kinematics.workspace.wrench_set import available_wrenches, tension_lim
 
 @dataclass(frozen=True, eq=False)
 class Task(ReadOnlyArrays):
-    """What shall be possible at a pose: a range of payloads, each with any acceleration of a box, from rest.
+    """What must be possible at a pose: a range of payloads, each with any acceleration from rest within a box.
 
     Attributes
     ----------
@@ -39,13 +39,13 @@ class Task(ReadOnlyArrays):
     center_of_mass : numpy.ndarray, shape (3,)
         Of the payload, in platform axes from the platform's origin, m.
     linear_acceleration, angular_acceleration : numpy.ndarray, shape (3,)
-        Largest accelerations of the platform along and about the axes of base, in both senses and all at the
-        same time, m/s^2 and rad/s^2.
+        Largest accelerations of the platform along and about the axes of base, in both directions and all at
+        the same time, m/s^2 and rad/s^2.
 
     Raises
     ------
     InvalidInputError
-        If a payload is below zero, the range is not in order, an acceleration is negative, or a value is not
+        If a payload is negative, the range is not in order, an acceleration is negative, or a value is not
         finite or has another shape.
     """
 
@@ -74,12 +74,10 @@ class Task(ReadOnlyArrays):
             ("linear_acceleration", linear_acceleration),
             ("angular_acceleration", angular_acceleration),
         ):
-            vector = checked(name, value, 3)
-            if vector.ndim != 1:
-                raise InvalidInputError(name, value, f"shape {vector.shape} where (3,) is needed")
+            vector = single(name, value, 3)
             if name != "center_of_mass" and vector.min() < 0.0:
-                raise InvalidInputError(name, value, "must not be negative; both senses are meant")
-            object.__setattr__(self, name, frozen(vector))
+                raise InvalidInputError(name, value, "must not be negative; it applies in both directions")
+            object.__setattr__(self, name, vector)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +87,12 @@ class Feasibility(ReadOnlyArrays):
     Attributes
     ----------
     margin : numpy.ndarray, shape (...)
-        Shortest additional wrench, N (moments divided by the lever), that makes some part of the task
-        impossible. Negative if part of it is impossible without; -inf at a singular pose.
+        Shortest additional wrench, N (moments divided by the lever), that makes part of the task
+        impossible. Negative if part of it is impossible already; -inf at a singular pose.
     payload_min, payload_max : numpy.ndarray, shape (...)
-        Smallest and largest payload that can be held with every acceleration of the task, whatever the task's
-        own range, kg. NaN where there is none. The smallest is not zero where an empty platform is too light
-        to keep the cables at their lower limits.
+        Smallest and largest payload that can be held with every acceleration of the task, regardless of the
+        task's own range, kg. NaN where there is none. The smallest is not zero where the empty platform is too
+        light to keep the cables at their lower limits.
     """
 
     margin: FloatArray
@@ -107,14 +105,14 @@ class Feasibility(ReadOnlyArrays):
 
     @property
     def feasible(self) -> BoolArray:
-        """Whether all of the task is possible, shape (...)."""
+        """Whether the whole task is possible, shape (...)."""
         return np.asarray(self.margin >= 0.0)
 
 
 def assess_task(
     robot: Robot, pose: Pose, task: Task | None = None, *, lever: float = 1.0, threads: int = 1
 ) -> Feasibility:
-    """Return the margin with which `task` is possible at `pose`, and the payloads that would be.
+    """Return the margin with which `task` is possible at `pose`, and the range of possible payloads.
 
     Parameters
     ----------
@@ -123,11 +121,11 @@ def assess_task(
     pose : Pose
         One pose or a batch.
     task : Task, optional
-        By default holding the empty platform at rest.
+        By default, holding the empty platform at rest.
     lever : float
         Length at which a moment counts as a force in the margin, m.
     threads : int
-        Number of threads among which a batch is shared.
+        Number of threads among which a batch is divided.
 
     Raises
     ------
@@ -178,10 +176,10 @@ def largest_acceleration(
     pose : Pose
         A single pose.
     direction : array_like, shape (6,)
-        Direction of linear and angular acceleration in base axes. The result counts multiples of it: for
-        (0, 0, 1, 0, 0, 0) m/s^2 upwards, for (0, 0, 0, 0, 0, 1) rad/s^2 about z.
+        Direction of linear and angular acceleration in base axes. The result is a multiple of it: in
+        m/s^2 upwards for (0, 0, 1, 0, 0, 0), in rad/s^2 about z for (0, 0, 0, 0, 0, 1).
     payload : Payload, optional
-        Carried besides the platform.
+        Carried in addition to the platform.
 
     Returns
     -------
@@ -193,7 +191,7 @@ def largest_acceleration(
     InvalidInputError
         If the direction is zero, not finite or has another shape, or the pose is a batch.
     SingularWrenchMatrixError
-        If the wrench matrix has lost a rank.
+        If the wrench matrix is rank-deficient.
     """
     d = checked("direction", direction, 6)
     if d.ndim != 1 or not d.any():
@@ -217,7 +215,7 @@ def _task_wrenches(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the wrench at rest (..., 6), its change per kg of payload, and both of the box (..., 6, 6).
 
-    All wrenches are linear in the mass of a payload whose centre of mass stays, and in the acceleration.
+    All wrenches are linear in the mass of a payload with a fixed centre of mass, and in the acceleration.
     """
     kilogram = Payload(1.0, task.center_of_mass)
     rest = static_wrench(robot, pose)

@@ -1,4 +1,4 @@
-"""How near cables come to each other and to the platform."""
+"""Distances between cables, and between cables and the platform."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, non_negative_number
+from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, non_negative_number, single
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
@@ -17,7 +17,7 @@ from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.robot import Robot
 from cspr_kinematics.workspace._interference import box_distances_kernel, cable_distances_kernel
 
-# Cables whose anchor or exit points lie this near to each other meet there by design, m.
+# Cables whose anchor or exit points are this close together meet there by design, m.
 _SAME_POINT = 1e-6
 
 
@@ -32,8 +32,8 @@ class Interference(ReadOnlyArrays):
     pair_distances : numpy.ndarray, shape (..., p)
         Smallest distance between the two cables of each pair, m.
     platform_distances : numpy.ndarray, shape (..., m)
-        Smallest distance between each cable, but for its end at the anchor, and the platform's box, m; 0
-        where the cable passes through it.
+        Smallest distance between each cable, except its end at the anchor point, and the platform's box, m;
+        0 where the cable passes through the box.
     """
 
     pairs: NDArray[np.int64]
@@ -56,7 +56,7 @@ class Interference(ReadOnlyArrays):
 
     @property
     def nearest(self) -> NearestPair:
-        """The two things that come nearest to each other, and where in the batch."""
+        """The two things that come closest to each other, and where in the batch."""
         candidates: list[NearestPair] = []
         if self.pair_distances.size:
             *index, pair = np.unravel_index(int(self.pair_distances.argmin()), self.pair_distances.shape)
@@ -72,7 +72,7 @@ class Interference(ReadOnlyArrays):
             smallest = float(self.platform_distances.min())
             candidates.append(NearestPair(smallest, f"cable {cable + 1}", "platform", where))
         if not candidates:
-            raise InvalidInputError("pose", self.platform_distances.shape, "there is no pose to look at")
+            raise InvalidInputError("pose", self.platform_distances.shape, "the batch holds no pose")
         return min(candidates, key=lambda candidate: candidate.distance)
 
 
@@ -104,10 +104,10 @@ def cable_interference(
     box_size: ArrayLike | None = None,
     anchor_zone: float = 0.05,
 ) -> Interference:
-    """Return the distances between cables, and between cables and platform, at poses of any batch.
+    """Return the distances between cables, and between cables and platform, at a pose or a batch of poses.
 
-    Cables are straight, without thickness, and count from the anchor point to the exit point or to where they
-    leave their pulley.
+    Cables are straight lines without thickness, from the anchor point to the exit point or to where they leave
+    their pulley.
 
     Parameters
     ----------
@@ -115,11 +115,11 @@ def cable_interference(
     pose : Pose
         One pose, or a batch such as the poses of a trajectory.
     box_center, box_size : array_like, shape (3,), optional
-        The platform's box in platform axes, m. By default of the robot's `platform_size`, about the middle of
-        the box that spans the anchor points.
+        The platform's box in platform axes, m. By default it has the robot's `platform_size`, and the same
+        centre as the smallest box around the anchor points.
     anchor_zone : float
-        The box is not looked for on this length of each cable next to its anchor point, which lies on the
-        platform, m.
+        This length of each cable next to its anchor point, which lies on the platform, is left out of the
+        distances to the box, m.
 
     Raises
     ------
@@ -127,12 +127,9 @@ def cable_interference(
         If a value is not finite or has another shape, a size is not positive, the zone negative, or a cable
         has no path at a pose.
     """
-    size = checked("box_size", robot.platform_size if box_size is None else box_size, 3)
+    size = single("box_size", robot.platform_size if box_size is None else box_size, 3)
     middle = 0.5 * (robot.anchor_points.min(axis=0) + robot.anchor_points.max(axis=0))
-    center = checked("box_center", middle if box_center is None else box_center, 3)
-    for name, vector in (("box_size", size), ("box_center", center)):
-        if vector.ndim != 1:
-            raise InvalidInputError(name, vector, f"shape {vector.shape} where (3,) is needed")
+    center = single("box_center", middle if box_center is None else box_center, 3)
     if size.min() <= 0.0:
         raise InvalidInputError("box_size", size, "every dimension must be positive")
     zone = non_negative_number("anchor_zone", anchor_zone)

@@ -21,6 +21,7 @@ from cspr_kinematics.arrays import (
     frozen,
     positive_integer,
     positive_number,
+    single,
 )
 from cspr_kinematics.errors import CableReachError, InvalidInputError
 from cspr_kinematics.motion.pose import Pose
@@ -76,7 +77,7 @@ class Workspace(ReadOnlyArrays):
 
     @cached_property
     def volume(self) -> float:
-        """Volume in which the task is possible, m^3; cells that the border cuts count by interpolation."""
+        """Volume in which the task is possible, m^3; the border is interpolated within the cells that it cuts."""
         sizes = np.einsum("i,j,k->ijk", np.diff(self.x), np.diff(self.y), np.diff(self.z))
         return float((self._shares * sizes).sum())
 
@@ -110,7 +111,7 @@ class Workspace(ReadOnlyArrays):
     def distance_to_boundary(self, position: ArrayLike) -> FloatArray:
         """Return how far positions (..., 3) are from the border of the workspace, shape (...), m.
 
-        Positive inside and negative outside; -inf outside without a border. The border is where the
+        Positive inside and negative outside; -inf outside if there is no border at all. The border is where the
         interpolated margin passes through zero, seen along lines a quarter of the grid's spacing apart: close
         to it the result is too large by up to about a fifth of the spacing. For positions inside, the faces
         of the grid count as border: nothing is known beyond them.
@@ -118,7 +119,7 @@ class Workspace(ReadOnlyArrays):
         Raises
         ------
         InvalidInputError
-            As `margin_at`.
+            As in `margin_at`.
         """
         points = checked("position", position, 3)
         inside = self.margin_at(points) >= 0.0
@@ -163,7 +164,7 @@ class Workspace(ReadOnlyArrays):
 
     @cached_property
     def _finite_margin(self) -> FloatArray:
-        """The margin, where it is -inf as far below zero as it is above at most: for interpolation."""
+        """The margin for interpolation: -inf is replaced by the negative of the largest absolute value."""
         finite = self.margin[np.isfinite(self.margin)]
         lowest = -max(1.0, float(np.abs(finite).max())) if finite.size else -1.0
         return np.maximum(self.margin, lowest)
@@ -183,7 +184,7 @@ class Workspace(ReadOnlyArrays):
 
     @cached_property
     def _border(self) -> FloatArray:
-        """Points (n, 3) at which lines through the cut cells pass through the border, m."""
+        """Points (n, 3) at which lines through the cut cells cross the border, m."""
         axes = self.x, self.y, self.z
         fractions = np.linspace(0.0, 1.0, _SUBDIVISION)
         points = [np.empty((0, 3))]
@@ -217,7 +218,7 @@ class Workspace(ReadOnlyArrays):
 
 
 def _parts(count: int) -> list[slice]:
-    """Ranges of cut cells that are looked at together, which bounds the memory."""
+    """Ranges of cut cells that are treated together, to limit the memory used."""
     return [slice(first, first + _CELLS_AT_ONCE) for first in range(0, count, _CELLS_AT_ONCE)]
 
 
@@ -239,17 +240,17 @@ def explore_workspace(
     threads: int = 1,
     progress: Progress | None = None,
 ) -> Workspace:
-    """Assess `task` on a grid of positions, in every one of some orientations.
+    """Assess `task` at every position of a grid, in each of the given orientations.
 
     Parameters
     ----------
     robot : Robot
     task : Task, optional
-        By default holding the empty platform at rest.
+        By default, holding the empty platform at rest.
     lower, upper : array_like, shape (3,), optional
         Corners of the grid in base, m; by default the robot's `workspace_min` and `workspace_max`.
     spacing : float
-        Largest distance of neighbouring positions along each axis, m.
+        Largest distance between neighbouring positions along each axis, m.
     orientations : sequence of (alpha, beta, gamma)
         Angles of eq. 4, rad; by default the level platform alone.
     lever : float
@@ -257,13 +258,13 @@ def explore_workspace(
     threads : int
         Number of threads that share the poses.
     progress : callable, optional
-        Called now and then in this thread with the number of poses done and of all poses.
+        Called now and then, in this thread, with the number of poses done and the number of all poses.
 
     Raises
     ------
     InvalidInputError
         If a value is not finite or has another shape, the corners are not in order, the spacing is not
-        positive or asks for more than 50 million poses, or there is no orientation.
+        positive or would take more than 50 million poses, or there is no orientation.
     """
     angles = checked("orientations", orientations, 3).reshape(-1, 3)
     if not len(angles):
@@ -308,7 +309,7 @@ def explore_workspace(
 def _assess(
     robot: Robot, positions: FloatArray, rotation: FloatArray, task: Task | None, lever: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return margins and payload ranges (n,) at positions (n, 3); out of the cables' reach -inf and NaN."""
+    """Return margins and payload ranges (n,) at positions (n, 3); -inf and NaN where a cable has no path."""
     try:
         result = assess_task(robot, Pose(positions, rotation), task, lever=lever)
     except CableReachError:
@@ -324,19 +325,16 @@ def _assess(
 def _axes(
     robot: Robot, lower: ArrayLike | None, upper: ArrayLike | None, spacing: float, most: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    low = checked("lower", robot.workspace_min if lower is None else lower, 3)
-    high = checked("upper", robot.workspace_max if upper is None else upper, 3)
-    for name, corner in (("lower", low), ("upper", high)):
-        if corner.ndim != 1:
-            raise InvalidInputError(name, corner, f"shape {corner.shape} where (3,) is needed")
+    low = single("lower", robot.workspace_min if lower is None else lower, 3)
+    high = single("upper", robot.workspace_max if upper is None else upper, 3)
     if np.any(low >= high):
         raise InvalidInputError("lower", low, f"must be below upper = {high.tolist()} in every direction")
     step = positive_number("spacing", spacing)
-    # A grid of less than the rounding error more than the spacing is not worth another plane.
+    # Rounding errors alone must not add another plane to the grid.
     with np.errstate(over="ignore"):
         counts = np.maximum(2.0, np.ceil((high - low) / step - 1e-9) + 1.0)
         positions = float(counts.prod())
     if not positions <= most:
-        raise InvalidInputError("spacing", spacing, f"{positions:.4g} positions; {most} are the most")
+        raise InvalidInputError("spacing", spacing, f"{positions:.4g} positions; at most {most} are allowed")
     x, y, z = (np.linspace(a, b, int(n)) for a, b, n in zip(low, high, counts, strict=True))
     return x, y, z

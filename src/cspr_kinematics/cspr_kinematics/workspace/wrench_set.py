@@ -1,7 +1,7 @@
-"""The wrenches that cables can give within their limits: a convex polytope, by its faces.
+"""The wrenches that the cables can supply within their limits: a convex polytope, described by its faces.
 
 The set {A t : t_min <= t <= t_max} is a zonotope. Each of its faces is spanned by five of the cables, so that
-the directions orthogonal to any five independent columns of A contain the normals of all faces (Bouchard,
+the normals of all faces are among the directions orthogonal to five independent columns of A (Bouchard,
 Gosselin, Moore, "On the ability of a cable-driven robot to generate a prescribed set of wrenches", ASME J.
 Mechanisms and Robotics 2, 2010; Gouttefarde, Krut, "Characterization of parallel manipulator available wrench
 set facets", ARK 2010).
@@ -15,7 +15,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, positive_number
+from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, for_each_cable, positive_number
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
 from cspr_kinematics.tensions._null_space import RANK_TOLERANCE
@@ -32,7 +32,7 @@ class WrenchSet(ReadOnlyArrays):
         Outward directions, of unit length when moments are divided by `lever`: the first three elements
         multiply a force, the last three a moment.
     offsets : numpy.ndarray, shape (f,)
-        Largest of normals @ wrench within reach, N.
+        Largest value of normals @ wrench within reach, N.
     lever : float
         Length at which a moment counts as a force, m.
     """
@@ -48,9 +48,9 @@ class WrenchSet(ReadOnlyArrays):
     def margin(self, wrench: ArrayLike) -> FloatArray:
         """Return how far wrenches (..., 6) lie inside, shape (...), N.
 
-        Inside, the length of the shortest additional wrench, moments divided by the lever, that brings the
+        Inside, the length of the shortest additional wrench, moments divided by the lever, that takes the
         wrench to the border (the capacity margin of Ruiz, Caro, Cardou, Guay, CableCon 2014). Outside it is
-        negative, and the distance to the set is at least its size.
+        negative, and the distance to the set is at least its absolute value.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class WrenchSet(ReadOnlyArrays):
 def available_wrenches(
     wrench_matrix: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, *, lever: float = 1.0
 ) -> WrenchSet:
-    """Return the wrenches that tensions within their limits can give at one pose.
+    """Return the wrenches that the cables can supply at one pose.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def available_wrenches(
         If a value is not finite or has another shape, a lower limit is not below its upper one, or the lever
         is not positive.
     SingularWrenchMatrixError
-        If the wrench matrix has lost a rank: the wrenches within reach are flat.
+        If the wrench matrix is rank-deficient: the wrenches within reach do not span all six dimensions.
     """
     A = checked("wrench_matrix", wrench_matrix)
     if A.ndim != 2 or A.shape[0] != 6 or A.shape[1] < 6:
@@ -95,7 +95,9 @@ def available_wrenches(
     scaled = A / np.array([1.0, 1.0, 1.0, length, length, length])[:, None]
     singular_values = np.linalg.svd(scaled, compute_uv=False)
     if singular_values[-1] <= RANK_TOLERANCE * singular_values[0]:
-        raise SingularWrenchMatrixError("the wrenches within reach are flat", A, singular_values)
+        raise SingularWrenchMatrixError(
+            "the wrenches within reach do not span all six dimensions", A, singular_values
+        )
     count = faces_kernel(kernel_input(scaled, 6, m), low, high, faces)
     normals = faces[:count, :6].copy()
     normals[:, 3:] /= length
@@ -110,13 +112,7 @@ def tension_limits(t_min: ArrayLike, t_max: ArrayLike, m: int) -> tuple[FloatArr
     InvalidInputError
         If a value is not finite, has another shape, or a lower limit is not below its upper one.
     """
-    limits = []
-    for name, value in (("t_min", t_min), ("t_max", t_max)):
-        array = checked(name, value)
-        if array.shape not in ((), (m,)):
-            raise InvalidInputError(name, value, f"shape {array.shape} where () or ({m},) is needed")
-        limits.append(kernel_input(np.broadcast_to(array, (m,)).copy(), m))
-    low, high = limits
+    low, high = for_each_cable("t_min", t_min, m), for_each_cable("t_max", t_max, m)
     if np.any(low >= high):
         raise InvalidInputError("t_min", t_min, f"must be below t_max = {high}")
     return low, high

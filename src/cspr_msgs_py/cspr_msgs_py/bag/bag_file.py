@@ -1,6 +1,6 @@
 """A bag on disk: MCAP files of raw messages with ``metadata.yaml`` beside them, laid out as rosbag2 does.
 
-Everything here waits for the disk; :mod:`cspr_msgs_py.bag.writer` keeps that away from who receives messages.
+Everything here may block on the disk; :mod:`cspr_msgs_py.bag.writer` shields from that whoever receives messages.
 """
 
 import errno
@@ -33,14 +33,14 @@ _RESERVE: Final = 4 * 1024 * 1024  # bytes: for the summary of a bag of several 
 
 @dataclass(frozen=True)
 class Attachment:
-    """A file that travels inside a bag."""
+    """A file that is kept inside a bag."""
 
     name: str
     data: bytes
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str]) -> "Attachment":
-        """Read the file at `path`; the attachment bears the path as its name.
+        """Read the file at `path`; the path becomes the name of the attachment.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Split:
-    """When a bag goes on in a new file: at this size (bytes) or duration (ns) of a file; 0 for never."""
+    """When a bag continues in a new file: at this size (bytes) or duration (ns) of a file; 0 for never."""
 
     size: int = 0
     duration: int = 0
@@ -69,15 +69,15 @@ class BagFile:
     directory : path
         The bag: a directory that does not exist yet. Its files are ``<name of the directory>_0.mcap`` and so on.
     information : mapping of str to str
-        What is worth knowing about the recording; kept as the metadata record ``recording`` and as
+        Facts about the recording, kept as the metadata record ``recording`` and as
         ``custom_data`` of ``metadata.yaml``.
     attachments : sequence of Attachment
         Written first into every file, so that they survive whatever happens later.
     compression : Compression
     start_ns : int
-        Time that the attachments bear.
+        Time stamp of the attachments.
     split : Split
-        When to go on in a new file; looked at whenever a chunk ends.
+        When to continue in a new file; checked whenever a chunk ends.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class BagFile:
             self._write_metadata()
         except OSError as error:
             self.abandon()
-            shutil.rmtree(self.directory, ignore_errors=True)  # nothing is in it, and it would be in the way
+            shutil.rmtree(self.directory, ignore_errors=True)  # it is empty, and would be in the way
             needed = f"; at least {_RESERVE // 2**20} MB are needed" if error.errno == errno.ENOSPC else ""
             raise BagError(f"cannot write bag {self.directory}: {error.strerror}{needed}") from error
 
@@ -183,7 +183,7 @@ class BagFile:
             self.split()
 
     def split(self) -> None:
-        """Finish the present file and go on in a new one.
+        """Finish the current file and continue in a new one.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class BagFile:
         self._write_metadata()
 
     def update_metadata(self) -> None:
-        """Write ``metadata.yaml`` as the bag is now, for readers of a recording that goes on or was killed.
+        """Write ``metadata.yaml`` as the bag is now, for readers of a recording that is still running or was killed.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class BagFile:
         self._reserve.unlink(missing_ok=True)
 
     def give_up_chunk(self) -> Counter[int]:
-        """Forget the messages that are not on the disk; return their number by the topic's index."""
+        """Discard the messages that are not on the disk; return their number by the topic's index."""
         return Counter({channel - 1: number for channel, number in self._writer.drop_chunk().items()})
 
     def close_full(self, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
@@ -249,7 +249,7 @@ class BagFile:
         self.abandon()
 
     def abandon(self) -> None:
-        """Let go of the file without finishing it: it stays readable up to its last whole chunk."""
+        """Close the file without finishing it: it stays readable up to its last whole chunk."""
         with suppress(OSError):  # what is buffered cannot be written either, which is known by now
             self._reserve.unlink(missing_ok=True)
             if self._stream is not None:

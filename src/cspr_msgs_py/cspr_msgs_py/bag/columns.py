@@ -1,7 +1,7 @@
-"""Messages of a topic as numpy arrays: one row a message.
+"""Messages of a topic as numpy arrays: one row for each message.
 
 Messages of one constant layout, as those of the control loop have, are viewed where they lie and never decoded one
-by one. What other layouts there are among them is decoded by the definition in the bag and put into the same
+by one. Messages of other layouts among them are decoded by the definition in the bag and put into the same
 rows.
 """
 
@@ -60,7 +60,7 @@ class JointStates(Samples):
     Attributes
     ----------
     names : tuple of str
-        In the order of the first message; joints that only later messages have stand behind.
+        In the order of the first message; joints that appear only in later messages come last.
     position, velocity, effort : ndarray, shape (n, m)
         Of shape (n, 0) where no message carries the field; NaN where one does not carry the joint.
     """
@@ -156,7 +156,7 @@ class Collected:
         self.codec: Any = None
         self.columns: dict[str, NDArray[Any]] = {}
         self.others: dict[int, bytes] = {}
-        self._waiting = 0  # messages whose data have been copied and not looked into
+        self._waiting = 0  # messages that were copied and not yet examined
         log_times = np.empty(capacity, dtype=np.int64)
         count = 0
         for block in blocks:
@@ -173,14 +173,14 @@ class Collected:
         self._dtype = np.dtype([])
         try:
             self.codec = codec_of(block.data(0))
-        except ValueError:  # not in a constant layout at all
+        except ValueError:  # not of a constant layout at all
             return
         self._dtype = self.codec.dtype
         self.columns = {
             name: np.empty((capacity, *kind.shape), kind.base)
             for name, (kind, *_) in (self._dtype.fields or {}).items()
         }
-        # Chunks hold few messages of a topic; many are looked into at once.
+        # Chunks hold few messages of a topic; many are examined at once.
         self._pending = np.empty(_BATCH, np.dtype((np.void, self._dtype.itemsize)))
 
     def _add(self, block: MessageBlock, row: int) -> None:

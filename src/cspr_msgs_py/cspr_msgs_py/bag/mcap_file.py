@@ -47,7 +47,7 @@ _NOTHING: Final = MessageBlock(np.empty(0, dtype=np.uint8), np.empty(0, dtype=np
 
 
 class _DamageError(ValueError):
-    """What a chunk holds cannot be had."""
+    """The content of a chunk cannot be read."""
 
 
 @dataclass
@@ -125,7 +125,7 @@ class McapFile:
     def close(self) -> None:
         """Close the file."""
         self._data.release()
-        with suppress(BufferError):  # arrays that view it live on
+        with suppress(BufferError):  # arrays that view it are still in use
             self._map.close()
 
     @property
@@ -141,7 +141,7 @@ class McapFile:
     ) -> Iterator[MessageBlock]:
         """Yield the messages of some channels whose log time t is start_ns <= t < end_ns, in file order.
 
-        What a damaged chunk held is left out, with a warning.
+        The messages of a damaged chunk are skipped, with a warning.
         """
         for region in self.regions:
             if (end_ns is None or region.start < end_ns) and (start_ns is None or region.end >= start_ns):
@@ -168,7 +168,7 @@ class McapFile:
     def _indexed(
         self, region: Region, records: NDArray[np.uint8], channels: Collection[int]
     ) -> MessageBlock | None:
-        """Return the messages by the chunk's index; None if it has no proper one."""
+        """Return the messages by the chunk's index; None if it has no valid one."""
         lists = [
             np.frombuffer(self._data, "<i8", length // 8, offset)[1::2]
             for channel in channels
@@ -353,5 +353,5 @@ def _open(path: Path) -> mmap.mmap:
         raise BagError(f"{path} cannot be decompressed: {error}") from error
     except OSError as error:
         raise BagError(f"cannot open {path}: {error.strerror}") from error
-    except ValueError as error:  # what has no bytes cannot be mapped
+    except ValueError as error:  # an empty file cannot be mapped
         raise BagError(f"{path} is empty: nothing was recorded") from error

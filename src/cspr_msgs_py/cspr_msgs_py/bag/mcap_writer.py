@@ -1,7 +1,7 @@
 """Writing of one MCAP file.
 
 The records are those of the package ``mcap``; only the messages, thousands a second, are packed here: that takes
-a fifth of the time. Schemas and channels stand outside the chunks, where a damaged chunk does not take them along.
+a fifth of the time. Schemas and channels stand outside the chunks, where no damaged chunk can take them with it.
 Source: the MCAP specification, "File Structure" and "Records".
 """
 
@@ -131,7 +131,7 @@ class McapWriter:
             self.end_chunk()
 
     def add_attachment(self, attachment: Attachment) -> None:
-        """Write a file that travels along."""
+        """Write an attachment."""
         data = _bytes(attachment)
         index = AttachmentIndex(
             offset=self._offset,

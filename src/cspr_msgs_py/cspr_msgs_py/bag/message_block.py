@@ -65,7 +65,7 @@ class MessageBlock:
             right = bool((heads["opcode"] == _MESSAGE).all() and (self.sizes >= 0).all())
             inside = bool((offsets + _HEAD.itemsize + self.sizes <= len(records)).all())
         if not (right and inside):
-            raise ValueError("the index of a chunk points to what is no message")
+            raise ValueError("the index of a chunk does not point to a message")
 
     def _chain(self) -> NDArray[np.void] | None:
         """Return the heads, viewed and not copied, if the messages are alike and follow one another directly."""
@@ -80,7 +80,7 @@ class MessageBlock:
             return None
         heads: NDArray[np.void] = np.ndarray((number,), _HEAD, self._records, first, (step,))
         opcode, length, *_ = heads[0].item()
-        # each head that says what the first one says leads to the next one: the index need not be believed
+        # a head equal to the first one leads to the next message: the index need not be trusted
         if opcode != _MESSAGE or _LENGTH_END + length != step:
             return None
         if not _alike(np.ndarray((number, _BEGIN), np.uint8, self._records, first, (step, 1))):
@@ -204,7 +204,7 @@ def _take(records: NDArray[np.uint8], offsets: NDArray[np.int64], dtype: np.dtyp
 
 
 def _alike(heads: NDArray[np.uint8]) -> bool:
-    """Return whether opcode, length and channel, at the begin of each row, are the same in all rows."""
+    """Return whether opcode, length and channel, at the beginning of each row, are the same in all rows."""
     begins = heads[:, :_BEGIN]
     return bool((begins == begins[0]).all())
 

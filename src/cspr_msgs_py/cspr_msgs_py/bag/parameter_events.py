@@ -37,7 +37,7 @@ def decode_parameter_event(buffer: Bytes) -> ParameterEvent:
     Raises
     ------
     ValueError
-        If the bytes are no ParameterEvent in little-endian CDR.
+        If the bytes are not a ParameterEvent in little-endian CDR.
     """
     scanner = Scanner(buffer)
     scanner.skip_time()
@@ -53,7 +53,7 @@ def _parameter(scanner: Scanner) -> tuple[str, Any]:
     values = [_NOT_SET, *(_value(scanner, scalar) for scalar in _SCALARS)]
     values += [[_value(scanner, array) for _ in range(scanner.count())] for array in _ARRAYS]
     if kind >= len(values):
-        raise ValueError(f"parameter {name} is of type {kind}, which there is none of")
+        raise ValueError(f"parameter {name} is of type {kind}, which does not exist")
     return name, None if kind == _NOT_SET else values[kind]
 
 

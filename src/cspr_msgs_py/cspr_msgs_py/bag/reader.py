@@ -214,7 +214,7 @@ class Bag:
         try:
             samples: Samples = reader(blocks, self.counts[topic], self.start_ns, self._decoder(topic))
         except (ValueError, IndexError, AttributeError, struct.error, McapError) as error:
-            raise BagError(f"{self.path}: a message on {topic} is no {kind}: {error}") from error
+            raise BagError(f"{self.path}: a message on {topic} is not a {kind}: {error}") from error
         if not len(samples):
             span = "" if start is None and end is None else " in this range of time"
             raise BagError(f"{self.path} has no message on {topic}{span}")
@@ -330,7 +330,7 @@ class Bag:
             raise BagError(f"{self.path}: a message cannot be decompressed: {error}") from error
 
     def _decoder(self, topic: str) -> Decode:
-        """Return what decodes a message of a topic by the definition in the bag, when it is first asked to."""
+        """Return a decoder of a topic's messages, which reads the definition in the bag on its first use."""
         file, channel = next(
             (file, channel)
             for file in self._files
@@ -383,7 +383,7 @@ def _files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
         mode = str(information.get("compression_mode", "")).lower()
         for topic in information["topics_with_message_count"]:
             counts[topic["topic_metadata"]["name"]] = int(topic["message_count"])
-    except FileNotFoundError:  # what a recording leaves that was cut off at its very start
+    except FileNotFoundError:  # left by a recording that was cut off at its very start
         pass
     except KeyError as error:
         raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: it lacks {error}") from error

@@ -1,4 +1,4 @@
-"""Makes a whole bag of a damaged one: of a recording that was killed, cut off, or lies on a bad disk."""
+"""Rebuilds a damaged bag: of a recording that was killed, cut off, or lies on a bad disk."""
 
 import os
 import warnings
@@ -15,7 +15,7 @@ from cspr_msgs_py.errors import BagError, BagWarning
 
 RECOVERY = "recovery"  # name of the metadata record about the recovery
 
-_ROSBAG2 = "rosbag2"  # metadata record that is written anew
+_ROSBAG2 = "rosbag2"  # metadata record that is rewritten
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Recovery:
     missing : dict of str to int
         Messages that are known to be lost, by topic.
     losses : tuple of str
-        What is missing, a line each; empty for a bag that was whole.
+        What is missing, one line for each loss; empty for a bag that was whole.
     start_ns, end_ns : int
         Log times of the first and the last message in it, ns.
     """
@@ -51,7 +51,7 @@ def recover(
 ) -> Recovery:
     """Write what can be read of a bag into a new, whole one.
 
-    Attachments and metadata are taken along; each file of the bag becomes one of the new bag.
+    Attachments and metadata are copied; each file of the bag becomes one of the new bag.
 
     Parameters
     ----------

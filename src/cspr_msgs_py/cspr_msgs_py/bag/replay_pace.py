@@ -1,11 +1,11 @@
-"""When the messages of a bag are due: the bag's time as it runs along with the clock on the wall."""
+"""When the messages of a bag are due: the bag's time, paced by the wall clock."""
 
 import math
 from typing import Final
 
 from cspr_msgs_py.wire.cdr import NANOSECONDS
 
-LATEST: Final = 0.5  # s behind the clock from which on nothing is made up for any more
+LATEST: Final = 0.5  # s behind the clock beyond which lost time is not made up
 
 
 class ReplayPace:
@@ -41,7 +41,7 @@ class ReplayPace:
         return self._clock + (time_ns - self._bag_ns) / NANOSECONDS / self.rate - now
 
     def catch_up(self, time_ns: int, now: float) -> bool:
-        """Go on from `time_ns` if the replay is so late that hurrying would distort it; return whether it was."""
+        """Continue from `time_ns` if the replay is too late to catch up without distortion; return whether it was."""
         if self.delay(time_ns, now) > -LATEST:
             return False
         self.move(time_ns, now)

@@ -69,7 +69,7 @@ class BagWriter:
             self._dropped[topic] += 1
 
     def split(self) -> None:
-        """Let the bag go on in a new file, behind what has been taken so far."""
+        """Let the bag continue in a new file, after what has been queued so far."""
         self._split = True
 
     @property
@@ -88,7 +88,7 @@ class BagWriter:
         return len(self._queue)
 
     def close(self, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
-        """Write what waits, finish the file, and return when it is on the disk.
+        """Write what is queued, finish the file, and return when it is on the disk.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class BagWriter:
             self._bag.update_metadata()
 
     def _drain(self) -> None:
-        """Write what waits now; what arrives meanwhile waits for the next turn."""
+        """Write what is queued now; what arrives meanwhile waits for the next turn."""
         take, write = self._queue.popleft, self._bag.add_message
         for _ in range(len(self._queue)):
             message = take()

@@ -95,7 +95,7 @@ class Recorder(Node):
         self.get_logger().info(f"recording to {self._bag.directory}")
 
     def make_safe(self) -> None:
-        """Write what waits and finish the bag."""
+        """Write what is queued and finish the bag."""
         self._intake.poll()
         lost = self._intake.lost
         self._writer.close({LOST: {name: str(number) for name, number in lost.items()}} if lost else {})
@@ -123,7 +123,7 @@ class Recorder(Node):
             if name not in self._recorded if self._recorded else topic_or_service_is_hidden(name):
                 continue
             offered = self._offered(name)
-            if not offered:  # nobody says yet with which quality of service
+            if not offered:  # its quality of service is not known yet
                 continue
             if len(types) > 1:
                 self.get_logger().warning(f"{name} has several types, only {types[0]} is recorded: {types}")
@@ -139,7 +139,7 @@ class Recorder(Node):
         return [publisher.qos_profile for publisher in self.get_publishers_info_by_topic(name)]
 
     def _describe(self, name: str, type_name: str) -> RecordedTopic:
-        """Return what the bag says of a topic: what its publishers offer, and what the table knows of it."""
+        """Return what the bag says about a topic: what its publishers offer, and what the table has about it."""
         publishers = self.get_publishers_info_by_topic(name)
         topic = _FIXED_TOPICS.get(name)
         return RecordedTopic(
@@ -169,7 +169,7 @@ class Recorder(Node):
     def _split(self) -> str:
         self._intake.poll()
         self._writer.split()
-        return f"the recording goes on in file {self._bag.files} of {self._bag.directory}"
+        return f"the recording continues in file {self._bag.files} of {self._bag.directory}"
 
     def _mark(self) -> str:
         self._marks += 1

@@ -34,15 +34,15 @@ from cspr_msgs_py.wire.conversions import time_message
 CLOCK = "/clock"
 DRIVER = "can_drives"  # the node that passes the motors' commands on to real drives
 
-# What any number of nodes publish: nobody takes a replayed message for one of another.
+# Published by any number of nodes: nobody mistakes a replayed message for one of another node.
 _COMMON = {"/rosout", "/parameter_events", *(topic.name for topic in graph_topics(0) if topic.writer == "*")}
 
-_CLOCK_PERIOD = 0.01  # s, on the clock on the wall and in the bag's time alike
+_CLOCK_PERIOD = 0.01  # s, of the wall clock and of the bag's time alike
 _LOOK_PERIOD = 0.1  # s between two looks at the keyboard and the progress bar
 _CONFLICT_PERIOD = 1.0  # s between two looks for a driver, and for others who publish the same
-_DISCOVERY_TIME = 1.0  # s in which the nodes that are there become known
+_DISCOVERY_TIME = 1.0  # s in which the nodes that are running are discovered
 _MATCHING_TIME = 5.0  # s at most until those that subscribe are connected
-_END_TIME = 0.5  # s in which the last messages arrive: with a publisher go those that nobody has taken yet
+_END_TIME = 0.5  # s for the last messages to arrive: those not yet taken are lost with their publisher
 
 DESCRIPTION = """Publish a bag as it was recorded: the same bytes on the same topics with the same quality of service
 and timing, and /clock, so that nodes with use_sim_time live in the bag's time.
@@ -167,7 +167,7 @@ class Replay:
             raise StartError(f"no topic of {self._bag.path} can be published")
 
     def _refuse_conflicts(self) -> None:
-        """Refuse to speak in the name of other nodes, and to hand recorded torques to drives."""
+        """Refuse to impersonate running nodes, and to pass recorded torques to drives."""
         node = self._node
         for name in {*self._publishers, CLOCK} - _COMMON:
             publishers = node.get_publishers_info_by_topic(name)
@@ -203,7 +203,7 @@ class Replay:
     def _wait_for(self, message: Message) -> bool:
         """Wait until a message is due, or belongs to a step; return False if the replay is to end before.
 
-        Clock, keys and progress are looked after meanwhile.
+        Clock, keys and progress are served meanwhile.
         """
         due_ns = message.log_time_ns
         while not self._ended and self._step is None:
@@ -233,7 +233,7 @@ class Replay:
         self._clock.publish(Clock(clock=time_message(time_ns)))
 
     def _look(self, timeout: float, now: float) -> None:
-        """Look at the keyboard for this time, and at the rest now and then."""
+        """Watch the keyboard for this long, and everything else now and then."""
         key = self._keys.wait(timeout)
         if key:
             self._take(key, time.monotonic())
@@ -290,7 +290,7 @@ def _positive(text: str) -> float:
 def _not_negative(text: str) -> float:
     value = _number(text)
     if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is below 0 or without end")
+        raise argparse.ArgumentTypeError(f"{text} is negative or infinite")
     return value
 
 

@@ -1,4 +1,4 @@
-"""Make a whole bag of a damaged one, and say what was lost."""
+"""Rebuild a damaged bag, and say what was lost."""
 
 import sys
 from collections.abc import Sequence

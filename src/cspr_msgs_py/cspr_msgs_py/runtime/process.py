@@ -75,7 +75,7 @@ def run_nodes(
     Returns
     -------
     int
-        0 after SIGINT or SIGTERM, 1 after an error, 2 for arguments and parameters that nobody takes.
+        0 after SIGINT or SIGTERM, 1 after an error, 2 for unknown arguments and parameters.
     """
     arguments = list(sys.argv if args is None else args)
     program = os.path.basename(arguments[0]) if arguments else "node"
@@ -263,54 +263,8 @@ def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subs
     return node.create_subscription(message_class(topic.type), topic.name, callback, qos_profile(topic))
 
 
-class _SharedSubscriptions:
-    """The callbacks of each topic's one subscription while `shared_subscriptions` is in force."""
-
-    def __init__(self) -> None:
-        self._callbacks: dict[str, list[Callable[[bytes], None]]] = {}
-        self._subscriptions: dict[str, Subscription] = {}
-
-    def add(self, node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Subscription:
-        if topic.name in self._callbacks:
-            self._callbacks[topic.name].append(callback)
-            return self._subscriptions[topic.name]
-        callbacks = self._callbacks[topic.name] = [callback]
-
-        def deliver(message: bytes) -> None:
-            for each in callbacks:
-                each(message)
-
-        self._subscriptions[topic.name] = _subscribe_raw(node, topic, deliver)
-        return self._subscriptions[topic.name]
-
-
-_shared: _SharedSubscriptions | None = None
-
-
-@contextmanager
-def shared_subscriptions() -> Iterator[None]:
-    """Let the nodes that are created in the block share one raw subscription a topic.
-
-    For nodes that live and end together in one process. Taking a message from the middleware costs more than
-    most callbacks; eight controllers that want the same motor states need not take them eight times. The
-    callbacks run in the order in which the nodes subscribed. The subscription belongs to the first node.
-    """
-    global _shared
-    previous, _shared = _shared, _SharedSubscriptions()
-    try:
-        yield
-    finally:
-        _shared = previous
-
-
 def subscribe_raw(node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Subscription:
     """Subscribe to `topic`; the callback receives each message as CDR bytes."""
-    if _shared is not None:
-        return _shared.add(node, topic, callback)
-    return _subscribe_raw(node, topic, callback)
-
-
-def _subscribe_raw(node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Subscription:
     return node.create_subscription(
         message_class(topic.type), topic.name, callback, qos_profile(topic), raw=True
     )

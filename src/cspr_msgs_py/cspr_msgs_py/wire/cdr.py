@@ -3,8 +3,8 @@
 A message whose names and sequence lengths never change is, on the wire, a constant frame in which only the
 stamp and some blocks of numbers change, always at the same offsets. :class:`Template` lays such a frame out
 by the rules of plain CDR, little-endian (OMG DDSI-RTPS 2.5, section 10, and CORBA 3.3 part 2, section 9.3):
-four bytes of encapsulation header, then each primitive aligned to its own size, counted from behind that
-header.
+four bytes of encapsulation header, then each primitive aligned to its own size, counted from the end of
+that header.
 
 Bytes that only fill up to an alignment have no meaning. Encoding writes zeros there; other writers leave
 stale memory, so decoding does not look at them.

@@ -197,7 +197,7 @@ class JointStateCodec:
         codec = cls(names, frame_id, *(bool(length) for length in lengths))
         if not codec.matches(buffer):
             raise ValueError(
-                f"{len(buffer)} bytes are no JointState with one value a name: {len(names)} names, "
+                f"{len(buffer)} bytes are not a JointState with one value for each name: {len(names)} names, "
                 f"{', '.join(f'{length} x {field}' for field, length in zip(FIELDS, lengths, strict=True))}"
             )
         return codec

@@ -25,8 +25,8 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
     Raises
     ------
     MessageError
-        If the bytes are no JointState, a joint of the codec is missing or named twice, or a field of the
-        codec has not one value a name.
+        If the bytes are not a JointState, a joint of the codec is missing or named twice, or a field of the
+        codec does not have one value for each name.
     """
     sample = codec.decode(buffer)
     if sample is not None:
@@ -34,7 +34,7 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
     try:
         message = deserialize_message(bytes(buffer), JointState)
     except Exception as error:  # rmw reports every malformed frame with its own kind of RuntimeError
-        raise MessageError(f"{len(buffer)} bytes are no sensor_msgs/JointState: {error}") from error
+        raise MessageError(f"{len(buffer)} bytes are not a sensor_msgs/JointState: {error}") from error
     names = list(message.name)
     if missing := [name for name in codec.names if name not in names]:
         raise MessageError(f"JointState lacks {', '.join(missing)}; it names {', '.join(names) or 'nothing'}")
@@ -46,7 +46,7 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
         values = np.asarray(getattr(message, field), dtype=float)
         if values.shape != (len(names),):
             raise MessageError(
-                f"JointState has {len(names)} names but {values.size} values in {field}: one a name is needed"
+                f"JointState has {len(names)} names but {values.size} values in {field}: one for each name is needed"
             )
         fields[field] = values[order]
         fields[field].flags.writeable = False

@@ -22,7 +22,7 @@ def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
     Raises
     ------
     MessageError
-        If the bytes are no MultiDOFJointTrajectory, its frame is not ``base``, or it has not exactly one
+        If the bytes are not a MultiDOFJointTrajectory, its frame is not ``base``, or it has not exactly one
         point with transform, velocity and acceleration for the joint ``platform``.
     """
     sample = codec.decode(buffer)
@@ -32,7 +32,7 @@ def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
         message = deserialize_message(bytes(buffer), MultiDOFJointTrajectory)
     except Exception as error:  # rmw reports every malformed frame with its own kind of RuntimeError
         raise MessageError(
-            f"{len(buffer)} bytes are no trajectory_msgs/MultiDOFJointTrajectory: {error}"
+            f"{len(buffer)} bytes are not a trajectory_msgs/MultiDOFJointTrajectory: {error}"
         ) from error
     if message.header.frame_id != BASE_FRAME:
         raise MessageError(f"reference is given in frame {message.header.frame_id!r}, not in {BASE_FRAME!r}")

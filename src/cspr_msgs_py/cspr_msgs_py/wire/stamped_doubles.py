@@ -1,4 +1,4 @@
-"""Messages that are a header and doubles behind it, as raw CDR.
+"""Messages that are a header followed by doubles, as raw CDR.
 
 PoseStamped has seven of them (position, quaternion), InertiaStamped ten (mass, centre, moments of inertia).
 """
@@ -50,7 +50,7 @@ class StampedDoublesCodec:
         """
         array = np.asarray(values, dtype=_DOUBLE)
         if array.shape != (self._number,):
-            raise ValueError(f"the message has {self._number} doubles behind its header, not {array.shape}")
+            raise ValueError(f"the message has {self._number} doubles after its header, not {array.shape}")
         return self._frame.encode(pack_time(stamp_ns), array.tobytes())
 
     def matches(self, buffer: Bytes) -> bool:

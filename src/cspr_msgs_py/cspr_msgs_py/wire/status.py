@@ -31,7 +31,7 @@ def decode_status(buffer: Bytes) -> Status:
     try:
         return _read(Scanner(buffer))
     except ValueError as error:
-        raise MessageError(f"no diagnostic_msgs/DiagnosticStatus: {error}") from error
+        raise MessageError(f"not a diagnostic_msgs/DiagnosticStatus: {error}") from error
 
 
 def decode_status_array(buffer: Bytes) -> StatusArray:
@@ -42,7 +42,7 @@ def decode_status_array(buffer: Bytes) -> StatusArray:
         scanner.string()
         return StatusArray(stamp, tuple(_read(scanner) for _ in range(scanner.count())))
     except ValueError as error:
-        raise MessageError(f"no diagnostic_msgs/DiagnosticArray: {error}") from error
+        raise MessageError(f"not a diagnostic_msgs/DiagnosticArray: {error}") from error
 
 
 def _write(writer: Writer, status: Status) -> None:

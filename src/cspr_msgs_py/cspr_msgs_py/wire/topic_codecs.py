@@ -115,4 +115,4 @@ def _stamped_doubles(topic: Topic, buffer: Bytes, number: int) -> tuple[int, np.
         scanner.string()
         return stamp, np.array([scanner.double() for _ in range(number)])
     except ValueError as error:
-        raise MessageError(f"{topic.name}: no {topic.type}: {error}") from error
+        raise MessageError(f"{topic.name}: not a {topic.type}: {error}") from error

@@ -214,7 +214,7 @@ def motor_error_over_time_figure(
     motor: int = 3,
     changes: Mapping[str, Mapping[float, str]] | None = None,
 ) -> Figure:
-    """Fig. 12: position error of one motor over time, a panel a load, a line a controller.
+    """Fig. 12: position error of one motor over time, one panel for each load and one line for each controller.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def motor_error_over_time_figure(
 
 
 def draw_cables(axis: Any, time: Floats, values: Floats, name: str = "cable", label: bool = True) -> None:
-    """Draw the columns of `values` (n, m), one line a cable or motor, with the legend at the right."""
+    """Draw the columns of `values` (n, m), one line for each cable or motor, with the legend at the right."""
     for k in range(values.shape[1]):
         axis.plot(time, values[:, k], label=f"{name} {k + 1}" if label else None, **motor_line(k))
     if label:

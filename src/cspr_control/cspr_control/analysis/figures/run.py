@@ -1,4 +1,4 @@
-"""Figures of a recorded run that the paper speaks of without showing them; from plain arrays, in the same style.
+"""Figures of a recorded run that the paper mentions without showing; from plain arrays, in the same style.
 
 Angles are degrees, everything else SI. Motors and cables are the last axis of an array.
 """
@@ -30,7 +30,7 @@ _CYCLE_BINS = 120  # at most
 def measured_tensions_figure(
     time: Floats, measured: Floats, predicted: Floats, changes: Mapping[float, str] | None = None
 ) -> Figure:
-    """Tension of each cable as measured and as the dynamic model predicts it, a panel a cable.
+    """Tension of each cable as measured and as the dynamic model predicts it, one panel for each cable.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def motor_errors_figure(
 
 
 def cycle_histogram_figure(periods: Mapping[str, Floats], nominal: float) -> Figure:
-    """How long the control cycles were; periods in s by run, and what they should be."""
+    """How long the control cycles were; periods in s by run, and the nominal one."""
     figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
     axis = figure.subplots()
     longest = max((float(p.max()) for p in periods.values() if p.size), default=nominal)

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from cspr_msgs_py.vocabulary import Controller, controller_label
 
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#111111", "#882255")
-"""One for each motor and its cable, in their order; from the ninth on they come again, dashed."""
+"""One for each motor and its cable, in their order; from the ninth on they repeat, dashed."""
 
 PDFF_EXACT: Final = controller_label(Controller.PDFF, exact_mass=True)
 
@@ -32,7 +32,7 @@ CONTROLLER_COLOURS: Final[Mapping[str, str]] = {
 """Of the controllers that are compared (docs/model.md, section 5), by their names in the demo."""
 
 DASHED_CONTROLLERS: Final = frozenset({Controller.PDFF, PDFF_EXACT})
-"""Those that may do just as another one does: that one, drawn before, is seen through their gaps."""
+"""Those that may coincide with another one: the other, drawn first, shows through their gaps."""
 
 CONTROLLER_TITLES: Final[Mapping[str, str]] = {
     Controller.PD: "PD",
@@ -41,10 +41,10 @@ CONTROLLER_TITLES: Final[Mapping[str, str]] = {
     Controller.PDFF_MASS: "PDFF + mass",
     PDFF_EXACT: "PDFF, exact mass",
 }
-"""How the same are written in figures and tables."""
+"""Their names in figures and tables."""
 
 REFERENCE_COLOUR: Final = "#7a7a7a"
-"""Of what was asked for, or is true, beside what was measured."""
+"""Of reference and true values beside measured ones."""
 
 EVENT_COLOUR: Final = "#D55E00"
 """Of faults and sudden changes."""

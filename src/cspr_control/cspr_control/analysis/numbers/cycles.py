@@ -84,7 +84,7 @@ def _driver_counts(
     start = recording.trajectories[0].start_ns if recording.trajectories else 0
     end = recording.trajectories[-1].end_ns if recording.trajectories else int(recording.states.time_ns[-1])
     before = next((entry for entry in reversed(entries) if entry[0] <= start), None)
-    # reports come once a second: the first one behind the end still counts all of it
+    # reports come once a second: the first one after the end still counts all of it
     after = next((entry for entry in entries if entry[0] >= end), entries[-1] if entries else None)
     if after is None or after[0] < start or (counts := _cycles(after[1].values)) is None:
         return None, None, None, math.nan, math.nan, math.nan
@@ -113,20 +113,20 @@ def _cycles(values: Mapping[str, str]) -> tuple[int, int] | None:
 def cycle_bins(longest: float, most: int) -> Floats:
     """Return the edges of a histogram's bins: at most so many of one width, each around a multiple of it.
 
-    The width is 1, 2 or 5 times a power of ten: so the usual periods lie in the middle of a bin, and what is scattered
-    around them is not torn in two.
+    The width is 1, 2 or 5 times a power of ten: so the usual periods lie in the middle of a bin, and their scatter is
+    not split between two.
 
     Parameters
     ----------
     longest
-        What must have a place in the last bin, s.
+        Largest value, s: it falls into the last bin.
     most
         Number of bins.
 
     Returns
     -------
     ndarray, shape (k + 1,)
-        From half a width below zero on, s.
+        From half a width below zero, s.
     """
     least = max(longest, 1e-6) / max(most - 1, 1)
     power = 10.0 ** math.floor(math.log10(least))

@@ -44,7 +44,7 @@ class Margin:
 
 @dataclass(frozen=True, eq=False)
 class Saturation:
-    """How often each motor's command stood at its torque limit, (m,): of how many commands, and their share."""
+    """How often each motor's command was at its torque limit: number of commands (m,), and their share (m,)."""
 
     count: NDArray[np.int64]
     share: Floats

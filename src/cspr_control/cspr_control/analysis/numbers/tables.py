@@ -21,12 +21,12 @@ _MARGINS = {
     "tension_max_n": ("highest tension, below limit", "cable", "N"),
     "torque_nm": ("torque, below limit", "motor", "N m"),
     "speed_rad_per_s": ("speed, below limit", "motor", "rad/s"),
-    "workspace_m": ("workspace, to its border", "", "m"),
+    "workspace_m": ("distance to workspace border", "", "m"),
 }
 
 
 def summary_rows(runs: Sequence[RunAnalysis]) -> list[tuple[str, list[str]]]:
-    """Return one row a quantity: its name with unit, and a text for each run."""
+    """Return one row for each quantity: its name with unit, and a text for each run."""
     metrics = [run.metrics for run in runs]
     rows: list[tuple[str, list[str]]] = [
         ("controller", [controller_title(one.controller) for one in metrics]),
@@ -54,7 +54,7 @@ def summary_rows(runs: Sequence[RunAnalysis]) -> list[tuple[str, list[str]]]:
 
 
 def motor_rows(run: RunAnalysis) -> list[tuple[str, NDArray[np.float64]]]:
-    """Return one row a quantity of each motor or cable of a run: its name with unit, and the numbers (m,)."""
+    """Return one row for each quantity of each motor or cable of a run: its name with unit, and the numbers (m,)."""
     one = run.metrics
     rows: list[tuple[str, NDArray[np.float64]]] = []
     for name, error in (

@@ -1,1 +1,1 @@
-"""A CAN bus on which frames take the time that they take on copper."""
+"""A simulated CAN bus on which frames take as long as on a real one."""

@@ -2,7 +2,7 @@
 
 Pure: time is an argument. The bus carries one frame at a time. When it becomes free the waiting frame with the
 lowest identifier goes next (ISO 11898-1, bitwise arbitration). Each frame takes the bits that it has when every
-stuff bit is needed, so that a cycle that fits here fits on copper.
+stuff bit is needed, so that a cycle that fits here fits on a real bus.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class BusDisturbance(Enum):
     """What keeps frames from passing."""
 
     NONE = auto()
-    CUT = auto()  # frames wait for ever
+    CUT = auto()  # frames wait forever
     OFF = auto()  # the driver's controller has left the bus, and said so; what it is given is lost
     DOWN = auto()  # the driver's interface is down and refuses frames
     REMOVED = auto()  # the driver has no interface any more

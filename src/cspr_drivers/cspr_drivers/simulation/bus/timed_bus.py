@@ -1,4 +1,4 @@
-"""A virtual bus on which frames take as long as on copper, and on which things can go wrong.
+"""A virtual bus on which frames take as long as on a real bus, and on which things can go wrong.
 
 One thread delivers what is through, many frames at a wake-up: each carries the time at which it was through, and a
 thread that slept for each of some 6,000 frames a second would cost more than all devices together.

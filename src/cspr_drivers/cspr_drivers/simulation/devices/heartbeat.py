@@ -12,7 +12,7 @@ class HeartbeatProducer:
 
     @property
     def milliseconds(self) -> int:
-        """Producer heartbeat time (1017h), 0 for none; set it to begin anew."""
+        """Producer heartbeat time (1017h), 0 for none; setting it starts a new period."""
         return self._milliseconds
 
     @milliseconds.setter

@@ -297,7 +297,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             with network.send_lock:
                 network.bus.send(message)
         except can.CanError:
-            return  # as on copper: a frame that nobody takes is lost, and its producer goes on
+            return  # as on a real bus: a frame that nobody takes is lost, and its producer goes on
 
     # Time
 

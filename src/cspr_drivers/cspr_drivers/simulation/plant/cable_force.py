@@ -109,7 +109,7 @@ def cable_and_motor_forces(
     ----------
     length, length_rate
         From where the cable leaves its pulley, or else its exit point, to the anchor point, m; and the rate of the
-        whole length, m/s, which is that at which the anchor point moves along the cable.
+        whole length, m/s, at which the anchor point moves along the cable.
     wrapped
         Cable on the pulley, m.
     angle, speed
@@ -117,7 +117,7 @@ def cable_and_motor_forces(
     free_at_home
         Free length from exit to anchor point at angle zero, m.
     constants
-        (4,): cable paid out an angle, m/rad; axial stiffness, N; damping over stiffness, s; length between drum
+        (4,): cable paid out per angle, m/rad; axial stiffness, N; damping over stiffness, s; length between drum
         and exit point, m.
     torque_input, damping
         Torque that a drive is told, N m, and its own velocity feedback, N m s/rad.

@@ -147,7 +147,7 @@ class Plant:
     def set_payload(self, payload: Payload) -> None:
         """Put a point mass on the platform in place of what it carries, moving with the platform from now on."""
         body, model = self._payload_body, self._model
-        # MuJoCo wants a body with mass and inertia; a milligram is nobody's payload
+        # MuJoCo wants a body with mass and inertia; a milligram stands for no payload
         model.body_mass[body] = max(payload.mass, 1e-6)
         model.body_inertia[body] = max(payload.mass, 1e-6) * 1e-4
         model.body_ipos[body] = payload.center_of_mass
@@ -168,7 +168,7 @@ class Plant:
         self._model.dof_frictionloss[self._shaft.start + index] = self._friction[index] + held
 
     def weaken_brake(self, index: int, share: float) -> None:
-        """Let the brake of a motor hold a share of its torque from the next closing on; 1 repairs it."""
+        """Let the brake of a motor hold a share of its torque from the next time it closes; 1 repairs it."""
         self._brake_share[index] = share
 
     def slip_cable(self, index: int, length: float) -> None:
@@ -245,7 +245,7 @@ class Plant:
 
 
 def _mjcf(robot: Robot, time_step: float) -> str:
-    """Return the MuJoCo model of a robot: a free platform, one shaft a winch, one spatial tendon a cable."""
+    """Return the MuJoCo model of a robot: a free platform, one shaft per winch, one spatial tendon per cable."""
     body = robot.platform
     inertia = body.inertia
     full = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])

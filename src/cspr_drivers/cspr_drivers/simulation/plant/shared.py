@@ -26,7 +26,7 @@ _LARGEST_FRAME_AGE = 1.0
 # s. Inputs that change within this time of each other take effect together.
 _SIMULTANEOUS_INPUTS = 0.5e-3
 
-# s. Two clocks are compared only when they could be read within this time of each other.
+# s. Two clocks are compared only when both were read within this time.
 _SIMULTANEOUS = 1e-5
 
 
@@ -67,7 +67,7 @@ class PlantModel(Protocol):
         ...
 
     def weaken_brake(self, index: int, share: float) -> None:
-        """Let the brake of a motor hold a share of its torque from the next closing on."""
+        """Let the brake of a motor hold a share of its torque from the next time it closes."""
         ...
 
     def slip_cable(self, index: int, length: float) -> None:
@@ -178,10 +178,6 @@ class SharedPlant:
     def from_system_time(self, stamp: float) -> float:
         """Return the plant time, s, of a moment on the system clock, s since 1970."""
         return stamp - self._system_start
-
-    def to_system_time(self, time: float) -> float:
-        """Return the moment on the system clock, s since 1970, of a plant time."""
-        return time + self._system_start
 
     def time_at(self, stamp: float) -> float:
         """Return the plant time, s, at which a frame with this time stamp was on the bus."""

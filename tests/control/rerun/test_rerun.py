@@ -1,0 +1,357 @@
+"""Re-runs over recordings whose making is known: reproduced, changed, deterministic, refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
+from rclpy.serialization import serialize_message
+from rosbags.typesys import get_types_from_msg
+
+from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
+from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
+from cspr_control.programs import rerun
+from cspr_control.reference.paper import paper_19
+from cspr_control.rerun.bag import DEFINITIONS
+from cspr_kinematics import Payload, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_msgs_py import topics
+from cspr_msgs_py.bag.bag_file import Attachment, BagFile
+from cspr_msgs_py.bag.metadata import RecordedTopic
+from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.vocabulary import FeedforwardModel
+from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
+
+CONFIG = Path(__file__).parents[3] / "config"
+START = 1_700_000_000_000_000_000
+MS = 1_000_000
+LENGTH = 2.2  # s
+CYCLES = round(LENGTH * 250)
+STEP_AT = 1.0  # s: the load grows from 50 to 150 kg
+MOTORS = JointStateCodec(topics.motor_names(8))
+CABLES = JointStateCodec(topics.cable_names(8), position=False, velocity=False)
+POSE = StampedDoublesCodec(topics.BASE_FRAME, 7)
+INERTIA = StampedDoublesCodec(topics.PLATFORM_FRAME, 10)
+REFERENCE = ReferenceCodec()
+PARAMETER_EVENTS = topics.Topic(
+    "/parameter_events", "rcl_interfaces/msg/ParameterEvent", topics.Reliability.RELIABLE,
+    topics.Durability.VOLATILE, 10, topics.Rate.ON_CHANGE, "*", "",
+)  # fmt: skip
+RECORDED = (
+    topics.CABLE_TENSIONS, topics.PLATFORM_POSE, topics.REFERENCE, topics.PAYLOAD, topics.SETPOINT,
+    topics.SIMULATED_PAYLOAD, PARAMETER_EVENTS,
+)  # fmt: skip
+
+
+class Graph:
+    """A robot that stands still while its load changes, as estimator, feed-forward and recorder live through it."""
+
+    def __init__(self, robot, model_change=None):
+        self.messages = []  # topic, received, published, data
+        self._robot = robot
+        self._estimator = PayloadEstimator(robot, EstimatorSettings())
+        self._feedforward = Feedforward(robot, FeedforwardSettings())
+        self._trajectory = paper_19(robot.trajectory_center)
+        self._rng = np.random.default_rng(7)
+        A = inverse_kinematics(robot, robot.home).wrench_matrix
+        tensions = {}
+        for mass in (50.0, 150.0):
+            wrench = static_wrench(robot, robot.home, Payload(mass, np.zeros(3)))
+            tensions[mass] = distribute_tensions(A, wrench, 0.0, 3000.0).tensions
+        changed = model_change is None
+        for cycle in range(CYCLES):
+            now = START + cycle * 4 * MS
+            mass = 50.0 if cycle * 0.004 < STEP_AT else 150.0
+            if not changed and cycle * 0.004 >= model_change[0]:
+                changed = True
+                self._change_model(now, model_change[1])
+            self._cycle(cycle, now, mass, tensions[mass])
+
+    def _jitter(self, most_us):
+        return int(self._rng.integers(0, most_us * 1000))
+
+    def _record(self, topic, received, data, published=None):
+        self.messages.append((topic, received, received if published is None else published, data))
+
+    def _cycle(self, cycle, now, mass, tensions):
+        robot = self._robot
+        arrival = now + MS + self._jitter(400)
+        self._estimator.observe_tensions(arrival * 1e-9, now, tensions)
+        self._record(topics.CABLE_TENSIONS, arrival, CABLES.encode(now, effort=tensions))
+        if cycle % 5 == 0:
+            arrival += self._jitter(300)
+            self._estimator.observe_pose(arrival * 1e-9, now, robot.home)
+            values = [*robot.home.position, *robot.home.quaternion]
+            self._record(topics.PLATFORM_POSE, arrival, POSE.encode(now, values))
+            inertia = INERTIA.encode(now, [mass, *np.zeros(9)])
+            self._record(topics.SIMULATED_PAYLOAD, arrival, inertia)
+            updated = arrival + self._jitter(300)
+            estimate = self._estimator.update(updated * 1e-9)
+            payload = estimate.published
+            data = INERTIA.encode(estimate.stamp, [payload.mass, *payload.center_of_mass, *np.zeros(6)])
+            # the recorder hears of it later, perhaps after the tensions of the next cycle
+            self._record(topics.PAYLOAD, updated + 100_000 + self._jitter(3500), data, updated)
+            self._feedforward.set_estimate(updated * 1e-9, payload.mass, payload.center_of_mass)
+        point = self._trajectory.sample(cycle * 0.004)
+        stamp = now + 4 * MS
+        sample = ReferenceSample(
+            stamp, cycle * 0.004, point.pose.position, point.pose.quaternion, point.twist.linear,
+            point.twist.angular, point.acceleration.linear, point.acceleration.angular,
+        )  # fmt: skip
+        arrival = now + 3 * MS + self._jitter(300)
+        setpoint = self._feedforward.compute(arrival * 1e-9, type(point).of_sample(sample))
+        self._record(topics.REFERENCE, arrival, REFERENCE.encode(sample))
+        data = MOTORS.encode(stamp, setpoint.position, setpoint.velocity, setpoint.effort)
+        self._record(topics.SETPOINT, arrival + 200_000, data)
+
+    def _change_model(self, now, model):
+        self._feedforward.configure(FeedforwardSettings(FeedforwardModel(model)))
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=model)
+        event = ParameterEvent(node="/feedforward", changed_parameters=[Parameter(name="model", value=value)])
+        self._record(PARAMETER_EVENTS, now, bytes(serialize_message(event)))
+
+    def write(self, directory, *, without=(), attach=True, since=0.0, late=()):
+        """Record what comes `since` a time, s; the topics of `late` from 0.6 s on."""
+        files = ("control.yaml", "robot.yaml") if attach else ()
+        attachments = [Attachment(f"run/config/{name}", (CONFIG / name).read_bytes()) for name in files]
+        bag = BagFile(directory, {}, attachments)
+        indices = {
+            topic.name: bag.add_topic(RecordedTopic(topic.name, topic.type, message_definition(topic.type)))
+            for topic in RECORDED
+            if topic not in without
+        }
+        for topic, received, published, data in sorted(self.messages, key=lambda message: message[1]):
+            begin = 0.6 if topic in late else since
+            if topic not in without and received >= START + begin * 1e9:
+                bag.add_message(indices[topic.name], received, published, data)
+        bag.close()
+        return directory
+
+
+@pytest.fixture(scope="module")
+def graph(robot):
+    return Graph(robot)
+
+
+@pytest.fixture(scope="module")
+def bag(graph, tmp_path_factory):
+    return graph.write(tmp_path_factory.mktemp("run") / "bag")
+
+
+def run(*arguments):
+    assert rerun.main([str(argument) for argument in arguments]) == 0
+    output = Path(arguments[arguments.index("--output") + 1])
+    return output, json.loads((output / "comparison.json").read_text(encoding="utf-8"))
+
+
+def test_unchanged_parameters_reproduce_the_recording(bag, tmp_path, capsys):
+    output, comparison = run(bag, "--output", tmp_path / "rerun")
+    payload, setpoint = comparison["payload"], comparison["setpoint"]
+    assert payload["matched"] == payload["recorded"] == payload["rerun"] == CYCLES // 5
+    # publish times are known to the nanosecond here; what is left is the rounding of times
+    assert payload["mass"]["maximum"] < 1e-4
+    assert setpoint["matched"] == setpoint["recorded"] == CYCLES
+    assert setpoint["position"]["maximum"] == setpoint["velocity"]["maximum"] == 0.0
+    assert setpoint["effort"]["maximum"] < 1e-3  # at which of two cycles an estimate arrived
+    assert "parameters as recorded" in capsys.readouterr().out
+    with Bag(output / "bag") as written, Bag(bag) as recorded:
+        ours, theirs = written.joint_states("/setpoint"), recorded.joint_states("/setpoint")
+        np.testing.assert_array_equal(ours.time_ns, theirs.time_ns)
+        assert set(written.attachments) == {"control.yaml", "robot.yaml"}
+
+
+def test_with_the_recorded_estimates_every_setpoint_is_the_same(bag, tmp_path):
+    _, comparison = run(
+        bag, "--nodes", "feedforward", "--payload", "/payload", "--output", tmp_path / "rerun"
+    )
+    assert comparison["payload"] is None
+    setpoint = comparison["setpoint"]
+    # an estimate that the recorder heard of late may have been counted on one cycle earlier
+    assert setpoint["identical"] >= 0.7 * setpoint["matched"]
+    assert (
+        setpoint["effort"]["maximum"] < 0.03
+    )  # N m, of what a rate-limited estimate may change in one update
+
+
+def test_the_same_bag_gives_the_same_bytes(bag, tmp_path):
+    contents = []
+    for name in ("one", "two"):
+        output, _ = run(bag, "--output", tmp_path / name, "--set", "mass_estimator.time_constant=0.2")
+        files = sorted(path for path in output.rglob("*") if path.is_file())
+        contents.append({path.relative_to(output): path.read_bytes() for path in files})
+    assert contents[0] == contents[1]
+    assert any(path.suffix == ".mcap" for path in contents[0])
+
+
+@pytest.mark.parametrize("time_constant", [0.1, 0.25])
+def test_another_time_constant_gives_its_step_response(bag, tmp_path, time_constant):
+    output, comparison = run(
+        bag, "--output", tmp_path / "rerun", "--set", f"mass_estimator.time_constant={time_constant}",
+        "--set", "mass_estimator.mass_rate_limit=10000",
+    )  # fmt: skip
+    assert comparison["parameters"]["mass_estimator.time_constant"] == {
+        "recorded": 0.4, "rerun": time_constant,
+    }  # fmt: skip
+    with Bag(output / "bag") as written:
+        payload = written.inertias("/payload")
+    since = (payload.log_time_ns - START) * 1e-9 - STEP_AT
+    after = since > 0.03
+    expected = 150.0 - 100.0 * np.exp(-since[after] / time_constant)
+    # an update may come up to its period before the step's first whole mean
+    np.testing.assert_allclose(payload.mass[after], expected, atol=100.0 * 0.025 / time_constant)
+    settled = comparison["payload"]["rerun_quality"]["settling_time"]
+    assert settled == pytest.approx(time_constant * math.log(100.0 / 3.0), abs=0.05)
+
+
+def test_another_model_gives_its_torques(bag, robot, tmp_path):
+    output, comparison = run(
+        bag, "--output", tmp_path / "rerun", "--nodes", "feedforward", "--set", "feedforward.model=static",
+        "--set", "feedforward.payload_source=nominal", "--set", "feedforward.nominal_payload_mass=20",
+    )  # fmt: skip
+    assert comparison["setpoint"]["effort"]["maximum"] > 0.01
+    assert comparison["setpoint"]["position"]["maximum"] == 0.0
+    with Bag(output / "bag") as written:
+        setpoints = written.joint_states("/setpoint")
+    pose = paper_19(robot.trajectory_center).sample(0.4).pose
+    wrench = static_wrench(robot, pose, Payload(20.0, np.zeros(3)))
+    A = inverse_kinematics(robot, pose).wrench_matrix
+    np.testing.assert_allclose(
+        setpoints.effort[100], -robot.winch.ratio * np.linalg.pinv(A) @ wrench, atol=1e-6
+    )
+
+
+def test_a_parameter_that_was_changed_while_recording_changes_in_the_rerun(robot, tmp_path):
+    bag = Graph(robot, model_change=(0.5, "static")).write(tmp_path / "bag")
+    _, followed = run(bag, "--output", tmp_path / "followed")
+    assert followed["setpoint"]["effort"]["maximum"] < 1e-3
+    _, held = run(bag, "--output", tmp_path / "held", "--set", "feedforward.model=dynamic")
+    assert held["setpoint"]["effort"]["maximum"] > 5e-3
+
+
+def test_a_recording_that_began_late_is_reproduced_from_its_first_estimate_on(graph, tmp_path):
+    bag = graph.write(tmp_path / "bag", since=0.4)
+    _, comparison = run(bag, "--output", tmp_path / "rerun")
+    # the filter's past is lost; the load had been steady, and the feed-forward knows of it from the first reference on
+    assert comparison["payload"]["mass"]["maximum"] < 2.0
+    assert comparison["setpoint"]["effort"]["maximum"] < 0.02
+    assert comparison["payload"]["recorded_quality"]["final_error"] == pytest.approx(
+        comparison["payload"]["rerun_quality"]["final_error"], abs=0.5
+    )
+
+
+@pytest.mark.parametrize("late", [topics.CABLE_TENSIONS, topics.PLATFORM_POSE])
+def test_inputs_that_the_recorder_met_late_are_reproduced_from_there_on(graph, tmp_path, late):
+    bag = graph.write(tmp_path / "bag", late=(late,))
+    _, comparison = run(bag, "--output", tmp_path / "rerun")
+    payload = comparison["payload"]
+    assert 60 < payload["matched"] < payload["recorded"] - 20
+    assert payload["mass"]["maximum"] < 2.0
+
+
+def test_a_bag_without_outputs_is_run_all_the_same(graph, tmp_path, capsys):
+    bag = graph.write(tmp_path / "bag", without=(topics.PAYLOAD, topics.SETPOINT, topics.SIMULATED_PAYLOAD))
+    _, comparison = run(bag, "--output", tmp_path / "rerun")
+    assert comparison["payload"]["recorded"] == comparison["setpoint"]["recorded"] == 0
+    assert comparison["payload"]["rerun"] > 90
+    assert comparison["setpoint"]["rerun"] == CYCLES
+    assert "estimates, 0 recorded" in capsys.readouterr().out
+
+
+def test_the_default_output_lies_beside_the_bag_and_replaces_nothing(graph, tmp_path):
+    bag = graph.write(tmp_path / "bag")
+    for name in ("rerun", "rerun-2"):
+        assert rerun.main([str(bag), "--nodes", "mass_estimator"]) == 0
+        assert (tmp_path / name / "comparison.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--set", "mass_estimator.time_constnt=0.2"], "did you mean time_constant"),
+        (["--set", "mass_estimatr.time_constant=0.2"], "'mass_estimatr' is not a node"),
+        (["--set", "supervisor.following_error=1.0"], "mass_estimator, feedforward"),
+        (["--set", "mass_estimator.time_constant=-1"], "must lie in [0.001, 60] s"),
+        (["--set", "mass_estimator.time_constant=.nan"], "must be a finite number"),
+        (["--set", "mass_estimator.time_constant=quick"], "must be a finite number"),
+        (["--set", "feedforward.model=wrong"], "must be one of none, static, dynamic"),
+        (["--set", "mass_estimator.time_constant"], "NODE.PARAMETER=VALUE"),
+        (["--nodes", "feedforward", "--set", "mass_estimator.max_speed=1.0"], "not among the nodes"),
+    ],
+)
+def test_wrong_arguments_are_refused(bag, capsys, arguments, words):
+    with pytest.raises(SystemExit) as end:
+        rerun.main([str(bag), *arguments])
+    assert end.value.code == 2
+    assert words in capsys.readouterr().err
+
+
+def _refused(capsys, *arguments):
+    assert rerun.main([str(argument) for argument in arguments]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("rerun: ")
+    assert error.count("\n") == 1
+    return error
+
+
+def test_what_cannot_be_rerun_is_said_in_one_line(graph, bag, tmp_path, capsys):
+    out = ("--output", tmp_path / "out")
+    assert "there is no bag" in _refused(capsys, tmp_path / "nothing", *out)
+    text = tmp_path / "text.mcap"
+    text.write_text("no bag", encoding="utf-8")
+    assert "not an MCAP file" in _refused(capsys, text, *out)
+    lacking = graph.write(tmp_path / "lacking", without=(topics.CABLE_TENSIONS,))
+    assert "no topic /cable_tensions" in _refused(capsys, lacking, *out)
+    bare = graph.write(tmp_path / "bare", attach=False)
+    assert "holds no control.yaml" in _refused(capsys, bare, *out)
+    assert "--config DIR" in _refused(capsys, bare, *out)
+    assert "no topic /load" in _refused(capsys, bag, *out, "--payload", "/load")
+    assert "type sensor_msgs" in _refused(capsys, bag, *out, "--payload", "/setpoint")
+    existing = tmp_path / "existing"
+    existing.mkdir()
+    assert "exists already" in _refused(capsys, bag, "--output", existing)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_that_was_cut_off_gives_what_it_has(graph, tmp_path, capsys):
+    bag = graph.write(tmp_path / "bag")
+    (file,) = bag.glob("*.mcap")
+    whole = graph_length = file.stat().st_size
+    with open(file, "r+b") as stream:
+        stream.truncate(graph_length - 20_000)
+    (bag / "metadata.yaml").unlink()
+    assert whole > 40_000
+    assert rerun.main([str(bag), "--output", str(tmp_path / "out")]) in (0, 1)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines
+    assert all(line.startswith("rerun: ") for line in lines)
+    assert str(file) in lines[0]
+
+
+def test_a_bag_without_configuration_takes_that_of_a_directory(graph, tmp_path):
+    bare = graph.write(tmp_path / "bare", attach=False)
+    _, comparison = run(bare, "--output", tmp_path / "out", "--config", CONFIG)
+    assert comparison["setpoint"]["effort"]["maximum"] < 1e-3
+
+
+def test_a_configuration_that_differs_from_the_files_here_is_mentioned(graph, tmp_path, monkeypatch, capsys):
+    bag = graph.write(tmp_path / "bag")
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "control.yaml").write_text("other: 1\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    run(bag, "--output", tmp_path / "out", "--nodes", "mass_estimator")
+    assert "config/control.yaml differs from the control.yaml in the bag" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("type_name", DEFINITIONS)
+def test_definitions_are_those_of_the_message_packages(type_name):
+    ours, theirs = (
+        {name: fields for name, (_, fields) in get_types_from_msg(text, type_name).items()}
+        for text in (DEFINITIONS[type_name], message_definition(type_name))
+    )
+    assert ours == theirs

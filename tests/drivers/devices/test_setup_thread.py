@@ -1,0 +1,53 @@
+import time
+
+from cspr_drivers.devices.setup_thread import SetupThread
+from cspr_drivers.errors import DeviceError
+
+
+def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until, monkeypatch):
+    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
+    attempts = []
+    problems = ["does not answer", "does not answer", "refuses", ""]
+    lines = []
+
+    def configure(index):
+        attempts.append(index)
+        problem = problems[min(len(attempts), len(problems)) - 1]
+        if problem:
+            raise DeviceError("motor_1", problem)
+
+    setup = SetupThread(["motor_1"], configure, lambda: True, lines.append)
+    assert setup.problems == {"motor_1": "not configured yet"}
+    setup.start()
+    wait_until(lambda: not setup.problems)
+    assert lines == ["motor_1: does not answer", "motor_1: refuses", "motor_1: ready"]
+    setup.request(0, "restarted")
+    wait_until(lambda: len(attempts) == 5)
+    setup.stop()
+
+
+def test_nothing_is_configured_while_it_is_not_allowed(wait_until, monkeypatch):
+    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
+    allowed = []
+    attempts = []
+    setup = SetupThread(["motor_1"], attempts.append, lambda: bool(allowed), print)
+    setup.start()
+    time.sleep(0.05)
+    assert attempts == []
+    allowed.append(True)
+    wait_until(lambda: attempts == [0])
+    setup.stop()
+
+
+def test_a_restart_during_configuration_asks_for_one_more_round(wait_until):
+    attempts = []
+
+    def configure(index):
+        attempts.append(index)
+        if len(attempts) == 1:
+            setup.request(0, "restarted")
+
+    setup = SetupThread(["motor_1"], configure, lambda: True, print)
+    setup.start()
+    wait_until(lambda: len(attempts) == 2 and not setup.problems)
+    setup.stop()

@@ -1,0 +1,150 @@
+"""The control cycle by its bytes: no bus, no thread, no clock."""
+
+import math
+import struct
+
+import pytest
+
+from cspr_drivers.devices.setup import DriveFacts
+from cspr_drivers.drives.cycle import DriveCycle
+from cspr_drivers.errors import FrameError
+from cspr_msgs_py.vocabulary import DriverState
+
+# Status words, IEC 61800-7-201; bit 14 of the shipped drives: brake open.
+AT_REST, READY, SWITCHED_ON, ENABLED, QUICK_STOP = 0x50, 0x31, 0x33, 0x5037, 0x4017
+PERIOD = 0.01
+BEGIN = 1000.0
+
+
+class Robot:
+    """Drives that answer each SYNC, and what the cycle sends them."""
+
+    def __init__(self, config):
+        self.cycle = DriveCycle(config)
+        self.now = BEGIN
+        self.stamp = 0
+        self.count = len(config.drives)
+        self.status = [AT_REST] * self.count
+        self.position = 0
+        for index in range(self.count):
+            self.cycle.configured(self.now, index, DriveFacts(4.2, None, False, 0, 0, 0))
+
+    def answer(self, index, torque=0):
+        data = struct.pack("<Hih", self.status[index], self.position, torque)
+        return self.cycle.feedback(self.now + 1e-3, index, data)
+
+    def turn(self, torque=None):
+        """Run one cycle; return the states and the data of each RPDO, by COB-ID, in order."""
+        self.now += PERIOD
+        self.stamp += round(1e9 * PERIOD)
+        self.cycle.sync(self.now, self.stamp)
+        frames = self.cycle.step(self.now)
+        states = [self.answer(index) for index in range(self.count)]
+        assert states[:-1] == [None] * (self.count - 1)
+        if torque is not None:
+            for index in range(self.count):
+                frames += self.cycle.command(self.now + 2e-3, index, self.stamp, torque)
+        return states[-1], [(frame.cob_id, frame.data.hex(" ")) for frame in frames]
+
+    def enable(self):
+        self.turn(1.0)
+        self.turn(1.0)
+        assert self.cycle.enable(self.now) is None
+        for status in (READY, SWITCHED_ON, ENABLED, ENABLED):
+            self.turn(1.0)
+            self.status = [status] * self.count
+        self.turn(1.0)
+        self.turn(1.0)
+        assert self.cycle.group.state is DriverState.ENABLED
+
+
+@pytest.fixture
+def robot(config):
+    return Robot(config)
+
+
+@pytest.fixture
+def enabled(robot):
+    robot.enable()
+    return robot
+
+
+def test_enabling_goes_through_the_control_words_in_turn(robot):
+    robot.turn(1.0)
+    robot.turn(1.0)
+    assert robot.cycle.enable(robot.now) is None
+    sent = []
+    for status in (READY, SWITCHED_ON, ENABLED, ENABLED):
+        sent += [data for cob_id, data in robot.turn()[1] if cob_id == 0x201]
+        robot.status = [status] * robot.count
+    assert list(dict.fromkeys(sent)) == ["06 00 c8 00", "07 00 c8 00", "0f 00 c8 00"]
+
+
+def test_a_torque_goes_out_in_the_call_that_brings_it_with_the_control_word(enabled):
+    enabled.cycle.sync(enabled.now + PERIOD, enabled.stamp)
+    (frame,) = enabled.cycle.command(enabled.now, 0, enabled.stamp, 2.0)
+    assert (frame.bus, frame.cob_id, frame.data) == ("main", 0x201, bytes.fromhex("0F 00 90 01"))
+    assert frame.deadline == enabled.now + 2 * PERIOD
+    (frame,) = enabled.cycle.command(enabled.now, 1, enabled.stamp, 2.0)  # polarity -1
+    assert (frame.cob_id, frame.data) == (0x202, bytes.fromhex("0F 00 70 FE"))
+
+
+def test_the_heartbeat_comes_when_it_is_due_before_what_the_drives_are_told(robot):
+    heartbeats = [robot.turn()[1][:1] == [(0x77F, "05")] for _ in range(7)]
+    assert heartbeats == [True, False, False, True, False, False, True]  # of 30 ms
+
+
+def test_states_are_those_of_one_sync(robot):
+    assert robot.turn()[0] is None  # no speed yet
+    robot.position = 131072
+    states, _ = robot.turn()
+    assert states.stamp_ns == robot.stamp
+    assert states.angles[:2] == pytest.approx((2 * math.pi, -2 * math.pi))
+    assert states.speeds[:2] == pytest.approx((2 * math.pi / PERIOD, -2 * math.pi / PERIOD))
+
+
+def test_a_bad_torque_is_answered_with_a_stop_of_all_drives(enabled):
+    frames = enabled.cycle.command(enabled.now, 1, enabled.stamp, math.nan)
+    assert [frame.cob_id for frame in frames] == [0x201 + index for index in range(8)]
+    assert [frame.data[:2] for frame in frames] == [b"\x02\x00"] * 8
+    assert frames[1].data == bytes.fromhex("02 00 38 FF")  # the torque that was
+    assert enabled.cycle.group.cause == "motor_2: torque command of nan N m is not finite"
+    assert enabled.cycle.command(enabled.now, 1, enabled.stamp, 1.0) == []
+
+
+def test_a_control_word_is_sent_again_until_the_drive_is_there(enabled):
+    assert enabled.turn()[1] in ([], [(0x77F, "05")])
+    enabled.cycle.quick_stop(enabled.now, "commanded")
+    enabled.turn()
+    words = [data[:5] for cob_id, data in enabled.turn()[1] if cob_id == 0x201]
+    assert words == ["02 00"]
+
+
+def test_sync_waits_for_answers_but_not_for_ever(enabled):
+    enabled.cycle.sync(enabled.now, enabled.stamp)
+    assert not enabled.cycle.wants_sync(enabled.now + PERIOD)
+    assert not enabled.cycle.wants_sync(enabled.now + 2 * PERIOD)
+    assert enabled.cycle.wants_sync(enabled.now + 3 * PERIOD)
+    assert enabled.cycle.postponed == 2
+
+
+def test_a_command_counts_as_fresh_only_when_it_was_sent_in_its_cycle(enabled):
+    for late in (False, True):
+        before = enabled.cycle.watch.statistics().late_commands
+        (frame,) = enabled.cycle.command(enabled.now, 0, enabled.stamp, 1.0)
+        if late:
+            enabled.cycle.sync(enabled.now + PERIOD, enabled.stamp + 1)
+        enabled.cycle.sent(enabled.now, *frame.command)
+        assert enabled.cycle.watch.statistics().late_commands - before == late
+
+
+def test_an_overtaken_command_is_not_sent(enabled):
+    before = enabled.stamp
+    enabled.turn(1.0)
+    assert enabled.cycle.command(enabled.now, 0, before, 1.0) == []
+
+
+def test_a_frame_cut_short_changes_nothing(enabled):
+    with pytest.raises(FrameError, match="frame of 7 bytes where 8 were expected"):
+        enabled.cycle.feedback(enabled.now, 0, bytes(7))
+    assert enabled.cycle.watch.missing == ()

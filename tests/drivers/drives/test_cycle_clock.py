@@ -1,0 +1,38 @@
+import time
+
+from cspr_drivers.drives.cycle_clock import CycleClock
+
+
+def test_the_clock_keeps_its_grid(wait_until):
+    ticks = []
+    clock = CycleClock(0.01, ticks.append)
+    clock.start()
+    wait_until(lambda: len(ticks) + clock.skipped >= 30)
+    assert clock.running
+    clock.stop()
+    count = len(ticks)
+    assert not clock.running
+    moments = round((ticks[-1] - ticks[0]) / 0.01) + 1
+    assert abs(moments - (count + clock.skipped)) <= 1
+    time.sleep(0.03)
+    assert len(ticks) == count
+
+
+def test_a_call_that_takes_too_long_leaves_moments_out(wait_until):
+    ticks = []
+
+    def tick(now):
+        ticks.append(now)
+        if len(ticks) == 2:
+            time.sleep(0.1)
+
+    clock = CycleClock(0.01, tick)
+    clock.start()
+    wait_until(lambda: len(ticks) >= 5)
+    clock.stop()
+    assert clock.skipped >= 8
+    assert clock.worst_lateness >= 0.0
+    assert ticks[2] - ticks[1] >= 0.1
+    assert (ticks[4] - ticks[3]) > 0.001  # no burst
+    clock.clear()
+    assert (clock.skipped, clock.worst_lateness) == (0, 0.0)

@@ -1,0 +1,44 @@
+"""The load cells' cycle by its bytes: no bus, no thread, no clock."""
+
+import pytest
+
+from cspr_drivers.errors import FrameError
+from cspr_drivers.load_cells.cycle import LoadCellCycle
+
+
+@pytest.fixture
+def cycle(config):
+    cycle = LoadCellCycle(config)
+    cycle.sync(10.0, 7)
+    return cycle
+
+
+def answer(cycle, index, data="10 27 00 00 00", now=10.001):
+    return cycle.measured(now, index, bytes.fromhex(data))
+
+
+def test_the_last_frame_completes_the_tensions_of_a_sync(cycle):
+    assert [answer(cycle, index) for index in range(7)] == [None] * 7
+    complete = answer(cycle, 7, "E8 03 00 00 00")
+    assert complete.stamp_ns == 7
+    assert complete.tensions == pytest.approx([1000.0] * 7 + [100.0])
+    assert cycle.problems(10.002, {}) == {}
+
+
+def test_what_is_wrong_with_each_cell_is_named(cycle, config):
+    late = 10.0 + 2.0 * config.timeouts.feedback
+    cycle.sync(late, 8)
+    cycle.configured(1, (None, 10_000))
+    for index in range(6):
+        assert answer(cycle, index, "10 27 00 00 02" if index == 0 else "10 27 00 00 00", now=late) is None
+    assert cycle.problems(late, {"cable_8 (node 18 on main)": "restarted"}) == {
+        "cable_1": "positive overload",
+        "cable_2": "at the end of its measuring range",
+        "cable_7": "silent",
+        "cable_8": "restarted",
+    }
+
+
+def test_a_frame_cut_short_is_refused(cycle):
+    with pytest.raises(FrameError, match="frame of 4 bytes where 5 were expected"):
+        answer(cycle, 0, "10 27 00 00")

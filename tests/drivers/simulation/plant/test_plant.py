@@ -1,0 +1,240 @@
+"""The simulated machine against statics, energy and the properties of a cable, none of them taken from its code."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cspr_drivers.errors import ConfigurationError
+from cspr_drivers.simulation.plant.plant import Plant, PlantError
+from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_kinematics import Payload, Pose, Pulleys, inverse_kinematics
+
+CONFIG = Path(__file__).parents[4] / "config" / "simulation.yaml"
+GRAVITY = 9.81
+
+
+@pytest.fixture(scope="module", params=[0.0, 0.05], ids=["fixed", "pulleys"])
+def config(request: pytest.FixtureRequest) -> SimulationConfig:
+    config = SimulationConfig.from_yaml(CONFIG)
+    return dataclasses.replace(config, robot=config.robot.with_geometry(pulleys=Pulleys(request.param)))
+
+
+def carrying(config: SimulationConfig, mass: float) -> SimulationConfig:
+    return config.with_payload(Payload(mass, np.zeros(3)))
+
+
+def cable_force(plant: Plant, config: SimulationConfig) -> np.ndarray:
+    """Force of the cables on the platform, from where MuJoCo has put it."""
+    pose = Pose(plant.platform_position(), plant.platform_rotation())
+    return (inverse_kinematics(config.robot, pose).wrench_matrix @ plant.tensions())[:3]
+
+
+def open_brakes(plant: Plant, config: SimulationConfig) -> None:
+    for index in range(config.robot.number_of_cables):
+        plant.set_brake(index, closed=False)
+
+
+def test_hangs_still_on_closed_brakes(config: SimulationConfig) -> None:
+    plant = Plant(carrying(config, 100.0))
+    plant.advance(2.0)
+    np.testing.assert_allclose(plant.platform_position(), config.robot.home.position, atol=2e-6)
+    np.testing.assert_allclose(plant.motor_angles(), 0.0, atol=5e-4)
+    weight = (config.robot.platform.mass + 100.0) * GRAVITY
+    np.testing.assert_allclose(cable_force(plant, config), [0.0, 0.0, weight], atol=0.5)
+
+
+def test_cables_carry_a_payload_that_is_added(config: SimulationConfig) -> None:
+    plant = Plant(carrying(config, 0.0))
+    plant.advance(0.1)
+    plant.set_payload(Payload(200.0, np.array([0.02, 0.0, -0.1])))
+    plant.advance(6.0)
+    weight = (config.robot.platform.mass + 200.0) * GRAVITY
+    np.testing.assert_allclose(cable_force(plant, config), [0.0, 0.0, weight], atol=3.0)
+    assert plant.platform_position()[2] < config.robot.home.position[2] - 1e-4  # cables are elastic
+
+
+def test_motor_torque_of_the_static_tensions_holds_the_platform(config: SimulationConfig) -> None:
+    plant = Plant(carrying(config, 50.0))
+    tensions = plant.tensions()
+    for index, tension in enumerate(tensions):
+        plant.set_torque(index, -0.05 / 30.0 * tension)
+    open_brakes(plant, config)
+    plant.advance(1.0)
+    np.testing.assert_allclose(plant.platform_position(), config.robot.home.position, atol=1e-5)
+
+
+def test_positive_torque_pays_out(config: SimulationConfig) -> None:
+    plant = Plant(config)
+    open_brakes(plant, config)
+    for index in range(config.robot.number_of_cables):
+        plant.set_torque(index, 0.5)
+    plant.advance(0.1)
+    assert (plant.motor_angles() > 1.0).all()
+    assert plant.platform_position()[2] < config.robot.home.position[2]
+
+
+def test_slack_cables_do_not_push(config: SimulationConfig) -> None:
+    plant = Plant(config)
+    open_brakes(plant, config)
+    for index in range(config.robot.number_of_cables):
+        plant.set_torque(index, 10.0)  # pays out faster than the platform falls
+    start = plant.platform_position()[2]
+    plant.advance(0.05)
+    z_slack, t_slack = plant.platform_position()[2], plant.time
+    assert (plant.tensions() == 0.0).all()
+    plant.advance(0.1)
+    # once slack the platform is in free fall: z'' = -g between three samples
+    plant_mid = plant.platform_position()[2]
+    dt = plant.time - t_slack
+    plant.advance(plant.time + dt)
+    acceleration = (plant.platform_position()[2] - 2 * plant_mid + z_slack) / dt**2
+    assert acceleration == pytest.approx(-GRAVITY, rel=1e-3)
+    assert plant.platform_position()[2] < start
+
+
+def test_energy_is_conserved_without_losses(config: SimulationConfig) -> None:
+    """Kinetic, gravitational and elastic energy of the platform bouncing on locked winches add up to a constant."""
+    lossless = dataclasses.replace(
+        carrying(config, 0.0), cables=dataclasses.replace(config.cables, damping_time=0.0), time_step=1e-4
+    )
+    plant = Plant(lossless)
+    plant.set_payload(Payload(60.0, np.zeros(3)))  # sets it bouncing
+    mass = config.robot.platform.mass + 60.0
+    free_lengths = inverse_kinematics(lossless.robot, lossless.robot.home).lengths
+    stiffness = lossless.cables.axial_stiffness / (free_lengths + lossless.cables.dead_length)
+    interval = 5e-4
+    positions, elastic = [], []
+    for step in range(1, 400):
+        plant.advance(step * interval)
+        positions.append(plant.platform_position())
+        # a cable of stiffness k under tension T stores T^2 / 2k
+        elastic.append((plant.tensions() ** 2 / (2.0 * stiffness)).sum())
+    position = np.array(positions)
+    velocity = (position[2:] - position[:-2]) / (2.0 * interval)
+    kinetic = 0.5 * mass * (velocity**2).sum(axis=1)
+    total = kinetic + mass * GRAVITY * position[1:-1, 2] + np.array(elastic)[1:-1]
+    assert np.ptp(kinetic) > 0.1  # J: it does bounce
+    assert np.ptp(total) < 0.02 * np.ptp(kinetic)
+
+
+def test_brakes_stop_a_fall(config: SimulationConfig) -> None:
+    plant = Plant(carrying(config, 200.0))
+    open_brakes(plant, config)
+    plant.advance(0.05)
+    for index in range(config.robot.number_of_cables):
+        plant.set_brake(index, closed=True)
+    plant.advance(0.5)
+    held = plant.motor_angles()
+    plant.advance(1.5)
+    assert np.abs(plant.motor_angles() - held).max() < 1e-3
+
+
+@pytest.mark.parametrize(("share", "slips"), [(1.0, False), (0.05, True)])
+def test_a_brake_slips_when_the_load_is_beyond_its_torque(config, share, slips) -> None:
+    """A cable's tension times drum radius over gear ratio against the holding torque of 12 N m or 0.6 N m."""
+    plant = Plant(carrying(config, 200.0))
+    load = config.robot.winch.ratio * plant.tensions()[0]
+    assert 0.6 + config.robot.motor.coulomb_friction < load < 12.0
+    plant.weaken_brake(0, share)
+    plant.set_brake(0, closed=True)
+    plant.advance(0.2)
+    assert bool(plant.motor_angles()[0] > 0.5) is slips
+    assert np.abs(plant.motor_angles()[1:]).max() < 1e-3
+
+
+def test_a_brake_slips_at_its_holding_torque(config) -> None:
+    """The motor pulls against its own brake with the 10 N m that it has."""
+    turned = {}
+    for holding in (8.0, 12.0):
+        brake = dataclasses.replace(config.brake, holding_torque=holding)
+        plant = Plant(dataclasses.replace(carrying(config, 0.0), brake=brake))
+        plant.set_torque(0, 10.0)
+        plant.advance(0.1)
+        turned[holding] = plant.motor_angles()[0]
+    assert turned[8.0] > 0.5
+    assert abs(turned[12.0]) < 1e-3
+
+
+def test_a_cable_that_slips_on_its_drum_goes_slack(config) -> None:
+    plant = Plant(carrying(config, 0.0))
+    plant.slip_cable(0, 0.05)
+    plant.advance(0.2)
+    assert plant.tensions()[0] == 0.0
+    plant.slip_cable(0, -0.05)
+    plant.advance(0.5)
+    assert plant.tensions()[0] > 100.0
+
+
+def test_a_platform_that_is_caught_stays_whatever_pulls_at_it(config) -> None:
+    plant = Plant(carrying(config, 0.0))
+    plant.advance(0.2)
+    before = plant.platform_position()
+    plant.catch_platform(True)
+    plant.slip_cable(0, -0.01)
+    plant.advance(0.7)
+    caught = plant.platform_position()
+    assert np.linalg.norm(caught - before) < 1e-3
+    assert plant.tensions().max() > 1500.0  # 10 mm of 1.2 MN over some 5 m, and some of it turns the platform
+    plant.catch_platform(False)
+    plant.advance(1.2)
+    assert np.linalg.norm(plant.platform_position() - before) > 2e-3
+
+
+def test_torque_is_limited_to_the_motor(config: SimulationConfig) -> None:
+    plant = Plant(config)
+    plant.set_torque(0, -1e3)
+    plant.advance(0.01)
+    assert plant.motor_torques()[0] == -config.robot.motor.torque_limit
+
+
+def test_damping_slows_a_motor(config: SimulationConfig) -> None:
+    speeds = []
+    for gain in (0.0, 0.2):
+        plant = Plant(config)
+        open_brakes(plant, config)
+        for index in range(config.robot.number_of_cables):
+            plant.set_damping(index, gain)
+        plant.advance(0.1)
+        speeds.append(plant.motor_speeds().mean())
+    assert speeds[1] < 0.5 * speeds[0]
+
+
+def test_a_payload_beyond_the_cables_is_refused(config: SimulationConfig) -> None:
+    with pytest.raises(PlantError, match="3000 kg"):
+        Plant(carrying(config, 3000.0))
+
+
+@pytest.mark.parametrize(
+    ("key", "old", "new", "message"),
+    [
+        ("load_cells.noise_std", "noise_std: 2.0", "noise_std: -1.0", "noise_std"),
+        ("cables.axial_stiffness", "axial_stiffness: 1200000.0", "axial_stiffness: .nan", "axial_stiffness"),
+        ("time_step", "time_step: 0.002", "time_step: 0.02", "time_step"),
+        ("payload.mass", "mass: 0.0  # kg", "mass: -5.0", "payload.mass"),
+        ("unknown", "seed: 1", "seed: 1\nspeed: 3", "speed"),
+        ("robot", "robot: robot.yaml", "robot: absent.yaml", "absent.yaml"),
+        ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {radius: -0.05}", "pulleys.radius = -0.05"),
+        ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {radius: [0.1, 0.1]}", "pulleys.radius"),
+        ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {}", "pulleys.radius"),
+        ("pulleys", "# pulleys: {radius: 0.05}", "pulleys: {radius: 0.1, mass: 1.0}", "pulleys.mass"),
+        (
+            "pulleys.swivel_axis",
+            "# pulleys: {radius: 0.05}",
+            "pulleys: {radius: 0.1, swivel_axis: [0, 0, 0]}",
+            "pulleys.swivel_axis",
+        ),
+    ],
+)
+def test_a_wrong_value_is_named(tmp_path: Path, key: str, old: str, new: str, message: str) -> None:
+    text = CONFIG.read_text(encoding="utf-8")
+    assert old in text
+    file = tmp_path / "simulation.yaml"
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    (tmp_path / "robot.yaml").write_bytes((CONFIG.parent / "robot.yaml").read_bytes())
+    with pytest.raises(ConfigurationError, match=message) as error:
+        SimulationConfig.from_yaml(file)
+    assert str(tmp_path) in str(error.value)

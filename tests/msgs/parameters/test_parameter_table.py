@@ -1,0 +1,70 @@
+"""The table of parameters, and the files and documents that repeat it."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cspr_msgs_py.bag.bag_file import Compression
+from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.parameters.row import NodeParameter
+from cspr_msgs_py.parameters.table import TABLE, defaults, known_parameter, node_parameters, parameter_values
+
+CONTROL_FILE = Path(__file__).parents[3] / "config" / "control.yaml"
+ROWS = [pytest.param(node, row, id=f"{node}.{row.name}") for node, rows in TABLE.items() for row in rows]
+
+
+@pytest.mark.parametrize(("node", "row"), ROWS)
+def test_a_default_is_a_value_that_the_parameter_may_have(node: str, row: NodeParameter) -> None:
+    assert known_parameter(node, row.name) is row
+    if not isinstance(row.default, type):
+        assert row.checked(row.default) == row.default
+        assert type(row.checked(row.default)) is type(row.default)
+    assert row.stretch == 0 or row.unit == "s" or row.unit.endswith("/s"), (
+        "only times and rates can be stretched"
+    )
+
+
+def test_the_shipped_file_has_the_defaults_and_the_units_of_the_table() -> None:
+    text = CONTROL_FILE.read_text(encoding="utf-8")
+    section, seen, prefix = "", 0, ""
+    for line in text.splitlines():
+        if top := re.fullmatch(r"(\S+):", line):
+            section = top[1]
+        elif group := re.fullmatch(r"    (\w+):", line):
+            prefix = f"{group[1]}."
+        elif entry := re.fullmatch(r"    ( *)(\w+): (.*?)(?: +# (.*))?", line):
+            name = (prefix if entry[1] else "") + entry[2]
+            row = known_parameter(section, name)
+            assert row is not None
+            assert yaml.safe_load(entry[3]) == row.default, f"{section}.{name}"
+            if row.unit and entry[4]:
+                assert re.match(rf"{re.escape(row.unit)}\b", entry[4]), f"{section}.{name} is in {row.unit}"
+            seen += 1
+    assert seen == len(re.findall(r"^    +\w+: \S", text, re.MULTILINE)) > 40
+
+
+def test_later_values_win_and_must_fit() -> None:
+    values = parameter_values("mass_estimator", {"time_constant": 0.3, "kp": 1.0}, {"time_constant": 1})
+    assert values["time_constant"] == 1.0
+    assert "kp" not in values
+    with pytest.raises(ParameterError, match="time_constant is True"):
+        parameter_values("mass_estimator", {"time_constant": True})
+    with pytest.raises(ParameterError, match="nominal_payload_center"):
+        parameter_values("feedforward", {"nominal_payload_center": ["a"]})
+    with pytest.raises(ParameterError, match="model is 3"):
+        parameter_values("feedforward", {"model": 3})
+    with pytest.raises(ParameterError, match=r"kp is -1; it must lie in \[0, 1000\] N m/rad"):
+        parameter_values("motor_controller_3", {"kp": -1})
+
+
+def test_the_table_names_what_a_bag_can_be_compressed_with() -> None:
+    (row,) = (row for row in TABLE["recorder"] if row.name == "compression")
+    assert set(row.choices) == {member.value for member in Compression}
+
+
+def test_nodes_that_are_not_ours_have_no_parameters() -> None:
+    assert node_parameters("rviz") == {}
+    assert defaults("motor_controller_3") == defaults("motor_controller_K")
+    assert "realtime_priority" not in node_parameters("recorder")
