@@ -363,12 +363,7 @@ def recover(loop: RobotLoop, rest: float) -> float:
 
 def _wait_until_set_up(loop: RobotLoop) -> None:
     """Let time pass until devices that booted or were away are set up again; nothing can be reset before."""
-    robot = loop.machine
-
-    def waiting() -> dict[str, str]:
-        cells = robot.load_cells.snapshot(loop.time.monotonic())
-        return robot.drives.snapshot().not_configured | cells.not_configured
-
+    waiting = loop.machine.not_set_up
     loop.wait_until(lambda: not waiting(), 10.0, lambda: f"devices are not set up: {waiting()}")
 
 

@@ -122,15 +122,16 @@ class SimulatedRobot:
         """Start both masters and let them set up all devices."""
         self.load_cells.start()
         self.drives.start()
-        ready = self.time.wait_until(
-            lambda: (
-                self.drives.states()[0].value == "disabled"
-                and not self.load_cells.snapshot(self.time.monotonic()).not_configured
-            ),
-            _PATIENCE,
-        )
-        if not ready:
-            raise DriverError(f"the devices are not ready: {self.drives.states()[:2]}, {self.log[-3:]}")
+        end = self.time.monotonic() + _PATIENCE
+        while waiting := self.not_set_up():
+            if self.time.monotonic() > end:
+                raise DriverError(f"devices are not set up: {waiting}")
+            self.time.wait(_STATE_PERIOD)
+
+    def not_set_up(self) -> dict[str, str]:
+        """Return the devices that are not set up, with the reason."""
+        cells = self.load_cells.snapshot(self.time.monotonic())
+        return self.drives.snapshot().not_configured | cells.not_configured
 
     def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
         """Give drives their torques, N m."""

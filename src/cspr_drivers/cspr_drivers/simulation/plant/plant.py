@@ -91,7 +91,8 @@ class Plant:
         self.set_payload(config.payload)
         self._free_lengths_at_home = self._equilibrium_free_lengths()
         # MuJoCo's arrays are views of memory that stays where it is.
-        self._angles, self._speeds = self._data.qpos[self._shaft_position], self._data.qvel[self._shaft]
+        self._angles: FloatArray = self._data.qpos[self._shaft_position]
+        self._speeds: FloatArray = self._data.qvel[self._shaft]
         self._forces = (
             self._data.ten_length,
             self._data.ten_velocity,
