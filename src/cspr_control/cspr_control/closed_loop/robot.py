@@ -12,7 +12,7 @@ from cspr_control.closed_loop.machine import Answer, Publish
 from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.drives.cycle_clock import CycleClock
+from cspr_drivers.cycle.cycle_clock import CycleClock
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.errors import DriverError

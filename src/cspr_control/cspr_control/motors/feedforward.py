@@ -45,7 +45,7 @@ class FeedforwardSettings:
     payload_timeout
         Age from which an estimate counts as stale, s.
     switch_slew
-        Fastest change of each motor's torque that a switch of model, payload or tension method causes, N m/s.
+        Fastest change of each motor's torque due to a switch of model, payload or tension method, N m/s.
     tension_method
         How the wrench is distributed over the cables, see `cspr_kinematics.distribute_tensions`; one of
         `cspr_kinematics.bounded_methods`.
@@ -120,12 +120,12 @@ class Setpoint:
     tensions
         Cable tensions (m,) behind the torque, N; zero without a model.
     wrench_matrix, wrench
-        What the tensions are to give: A (6, m), and w (6,) of the model, N and N m.
+        What the tensions must satisfy: A (6, m), and w (6,) of the model, N and N m.
     feasible
         Whether tensions within the robot's limits give the wrench exactly. If not, ``tensions`` is the
         closest solution within them.
     wrench_residual
-        Norm of the wrench that ``tensions`` fail to give; N and N m count alike, as at a lever of 1 m.
+        Norm of the wrench that ``tensions`` fail to give; N and N m count alike, as with a lever of 1 m.
     payload, payload_status
         The payload counted on, and where it comes from.
     """
@@ -144,13 +144,13 @@ class Setpoint:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a set-point is from what the cables cannot do, N; negative beyond it.
+    """How far a set-point is from what the cables can just do, N; negative beyond it.
 
     Attributes
     ----------
     tension
-        Distance of the tensions to the nearest limit of theirs. Tensions of least norm lie on a limit now and then
-        while others have room.
+        Distance of the tensions from the nearest of their limits. Tensions of least norm may lie on a limit where
+        others that give the same wrench do not.
     wrench
         Shortest additional wrench that no tensions within the limits give; moments count as forces at 1 m. -inf
         at a singular pose.
@@ -174,16 +174,16 @@ class Margins:
 class Feedforward:
     """Inverse kinematics and inverse dynamics along the reference.
 
-    A change of model or of the payload's source would step the torque. The step is bridged: the difference to
+    A change of model or of the payload's source would step the torque. The step is bridged: the difference from
     the torque before the change is added to the new one and decays at ``switch_slew``. A change of the tension
-    method passes through mixtures of both methods, which give the same wrench (`TensionBlend`), as quickly.
+    method passes through mixtures of both methods, which give the same wrench (`TensionBlend`), at the same pace.
 
     Parameters
     ----------
     robot
-        The robot as the controller believes it to be.
+        The robot as the controller assumes it to be.
     settings
-        The rest.
+        Everything that may change while the robot moves.
     """
 
     def __init__(self, robot: Robot, settings: FeedforwardSettings) -> None:

@@ -12,10 +12,10 @@ from cspr_drivers.canopen import frame_table
 from cspr_drivers.canopen.emergency import Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.cycle.cycle_watch import CycleWatch
 from cspr_drivers.devices.device import OPERATIONAL
 from cspr_drivers.devices.setup import DriveFacts
 from cspr_drivers.drives.command_check import CommandFault
-from cspr_drivers.drives.cycle_watch import CycleWatch
 from cspr_drivers.drives.group import IN_MOTION, DriveGroup
 from cspr_drivers.drives.home_position import with_home
 from cspr_drivers.drives.motor_feedback import MotorFeedback

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cspr_drivers.cycle.cycle_watch import CycleStatistics
 from cspr_drivers.devices.setup import DriveFacts
-from cspr_drivers.drives.cycle_watch import CycleStatistics
 from cspr_drivers.drives.status import DriveStatus
 from cspr_msgs_py.vocabulary import DriverState
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cspr_drivers.drives.cycle_watch import AnswerCounts, CycleWatch
+from cspr_drivers.cycle.cycle_watch import AnswerCounts, CycleWatch
 
 
 @dataclass(frozen=True)

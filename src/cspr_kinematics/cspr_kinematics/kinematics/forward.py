@@ -248,16 +248,10 @@ def _solve(
         done.append(kernels.forward_at_poses(*arguments))
 
     done: list[tuple[int, int]] = []
-    if positive_integer("threads", threads) == 1:
-        everything: list[Any] = [*starting, targets, guided, *guesses, *limits, *outputs]
-        done = [kernels.forward_at_poses(*everything)]
-    else:
-        in_chunks(solve, n, threads, _LEAST_PER_THREAD)
-    failures, iterations = done[0]
-    for more_failures, more_iterations in done[1:]:
-        failures, iterations = failures + more_failures, max(iterations, more_iterations)
+    in_chunks(solve, n, threads, _LEAST_PER_THREAD)
     if any(failed < 0 for failed, _ in done):
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
+    failures, iterations = sum(failed for failed, _ in done), max(most for _, most in done)
     return _Solved(batch, failures, iterations, known, *outputs)
 
 

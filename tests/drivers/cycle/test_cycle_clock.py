@@ -1,6 +1,6 @@
 import time
 
-from cspr_drivers.drives.cycle_clock import CycleClock
+from cspr_drivers.cycle.cycle_clock import CycleClock
 
 
 def test_the_clock_keeps_its_grid(wait_until):

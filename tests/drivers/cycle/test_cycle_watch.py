@@ -1,7 +1,7 @@
 import pytest
 
-from cspr_drivers.drives.cycle_watch import CycleWatch
-from cspr_drivers.drives.latency import LatencyHistogram
+from cspr_drivers.cycle.cycle_watch import CycleWatch
+from cspr_drivers.cycle.latency import LatencyHistogram
 
 
 def run(cycle, start, feedback=(0, 1), commands=(0, 1), fresh=True):

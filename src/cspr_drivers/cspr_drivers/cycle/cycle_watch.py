@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cspr_drivers.drives.latency import LatencyHistogram, LatencySummary
+from cspr_drivers.cycle.latency import LatencyHistogram, LatencySummary
 
 
 @dataclass(frozen=True)
