@@ -97,20 +97,24 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
     progress("starting", 0.0)
     loop.begin()
     loop.enable()
-    pause("measuring the load", _MEASURING, lambda: loop.state is RobotState.FAULT)
-    _start(loop, scenario)
     player = loop.player
 
+    def stopped() -> bool:
+        if loop.state is RobotState.FAULT and not scenario.faults:
+            raise ClosedLoopError(f"the robot stopped: {loop.cause}")
+        return loop.state is RobotState.FAULT
+
     def over() -> bool:
-        return loop.state is RobotState.FAULT or player.phase.at_rest
+        return stopped() or player.phase.at_rest
+
+    pause("measuring the load", _MEASURING, stopped)
+    _start(loop, scenario)
 
     moving = (player.end_time - loop.time.system_ns()) * 1e-9
     if scenario.duration is not None:
         pause("moving", (player.start_time - loop.time.system_ns()) * 1e-9 + scenario.duration, over)
         loop.order("/trajectory_publisher/stop")
     pause("moving", moving + 1.0, over)
-    if loop.state is RobotState.FAULT and not scenario.faults:
-        raise ClosedLoopError(f"the robot stopped: {loop.cause}")
     if player.phase is not TrajectoryPhase.FINISHED and scenario.duration is None and not loop.cause:
         raise ClosedLoopError(f"the trajectory was not followed to its end: {player.interruption}")
     pause("settling", _SETTLING)
