@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
 from benchmarks.timing import microseconds
 from cspr_msgs_py.topics import motor_names
-from cspr_msgs_py.wire.conversions import time_message
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 
@@ -21,7 +21,7 @@ def main() -> None:
 
     def with_objects() -> bytes:
         message = JointState(name=list(names))
-        message.header.stamp = time_message(1)
+        message.header.stamp = Time(nanoseconds=1).to_msg()
         message.position = message.velocity = message.effort = values.tolist()
         buffer: bytes = serialize_message(message)
         return buffer

@@ -20,14 +20,15 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
 
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.runtime.process import LEAN_NODE, advertise
 from cspr_msgs_py.topics import (
+    BASE_FRAME,
     CABLE_TENSIONS,
     MOTOR_STATES,
     PAYLOAD,
+    PLATFORM_FRAME,
     PLATFORM_POSE,
     REFERENCE,
     SETPOINT,
@@ -36,9 +37,9 @@ from cspr_msgs_py.topics import (
     motor_command,
     motor_names,
 )
-from cspr_msgs_py.wire.conversions import inertia_stamped, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import VECTORS, ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
 
 RATE = 500  # Hz
 MOTORS = 8
@@ -58,7 +59,9 @@ def flood(cycles: int) -> None:
         JointStateCodec(cable_names(MOTORS), position=False, velocity=False),
     )
     commands = [JointStateCodec([name], position=False, velocity=False) for name in names]
-    reference = ReferenceCodec()
+    reference, pose, inertia = (
+        ReferenceCodec(), StampedDoublesCodec(BASE_FRAME, 7), StampedDoublesCodec(PLATFORM_FRAME, 10)
+    )  # fmt: skip
     vectors = {field: np.zeros(size) for field, size in VECTORS.items()}
     publish = {
         topic.name: advertise(node, topic).publish
@@ -85,8 +88,8 @@ def flood(cycles: int) -> None:
         for k, send in enumerate(commanded):
             send(commands[k].encode(cycle, effort=effort[k : k + 1]))
         if cycle % SLOW == 0:
-            load = serialize_message(inertia_stamped(cycle, 100.0, [0, 0, 0]))
-            publish[PLATFORM_POSE.name](serialize_message(pose_stamped(cycle, [0, 0, 1], [0, 0, 0, 1])))
+            load = inertia.encode(cycle, [100.0, *np.zeros(9)])
+            publish[PLATFORM_POSE.name](pose.encode(cycle, [0, 0, 1, 0, 0, 0, 1]))
             publish[PAYLOAD.name](load)
             publish[SIMULATED_PAYLOAD.name](load)
         due += 1 / RATE

@@ -32,5 +32,5 @@ def options(limits):
 
 
 @pytest.fixture
-def rng():
-    return np.random.default_rng(20240517)
+def rng(seed):
+    return np.random.default_rng(20240517 + seed)

@@ -28,7 +28,6 @@ SIBLINGS = {  # a place in a package: what it may import of the others; the long
 BESIDE_THE_PRODUCT = ("benchmarks", "studies", "tests")
 ROS = {"rclpy", "builtin_interfaces", "std_srvs", "rcl_interfaces", "ament_index_python", "rosidl_parser"}
 CONVERSION_MODULES = {
-    "conversions",
     "joint_state_conversion",
     "message_definitions",
     "qos",

@@ -58,8 +58,8 @@ def robots(request: pytest.FixtureRequest) -> Callable[[str], Robot]:
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(20240229)
+def rng(seed: int) -> np.random.Generator:
+    return np.random.default_rng(20240229 + seed)
 
 
 @pytest.fixture

@@ -30,6 +30,7 @@ from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
+from tests.messages import from_diagnostic_array
 
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
@@ -43,7 +44,6 @@ from cspr_msgs_py.topics import (
     motor_command,
     motor_names,
 )
-from cspr_msgs_py.wire.conversions import from_diagnostic_array
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 ROOT = Path(__file__).parents[2]

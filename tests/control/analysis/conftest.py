@@ -11,6 +11,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
+from tests.messages import diagnostic_array, diagnostic_status, inertia_stamped, pose_stamped
 
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 from cspr_kinematics import (
@@ -29,7 +30,6 @@ from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.vocabulary import Level
-from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status, inertia_stamped, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 

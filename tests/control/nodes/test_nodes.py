@@ -13,6 +13,16 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_srvs.srv import Trigger
+from tests.messages import (
+    diagnostic_array,
+    diagnostic_status,
+    from_diagnostic_array,
+    from_diagnostic_status,
+    from_inertia_stamped,
+    from_pose_stamped,
+    inertia_stamped,
+    pose_stamped,
+)
 
 from cspr_control.errors import ControlError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
@@ -30,16 +40,6 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.vocabulary import Level, PayloadSource, RobotState
-from cspr_msgs_py.wire.conversions import (
-    diagnostic_array,
-    diagnostic_status,
-    from_diagnostic_array,
-    from_diagnostic_status,
-    from_inertia_stamped,
-    from_pose_stamped,
-    inertia_stamped,
-    pose_stamped,
-)
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 

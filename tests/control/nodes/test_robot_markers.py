@@ -10,13 +10,13 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from tests.messages import diagnostic_status, inertia_stamped, pose_stamped
 
 from cspr_control.nodes.robot_markers import RobotMarkers
 from cspr_kinematics import Pose
 from cspr_msgs_py import topics
 from cspr_msgs_py.runtime.process import advertise, subscribe
 from cspr_msgs_py.vocabulary import Level
-from cspr_msgs_py.wire.conversions import diagnostic_status, inertia_stamped, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 PATIENCE = 20.0

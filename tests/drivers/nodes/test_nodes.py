@@ -15,6 +15,7 @@ from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from tests.messages import from_diagnostic_array
 
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.nodes.can_drives import CanDrives
@@ -32,7 +33,6 @@ from cspr_msgs_py.topics import (
     motor_names,
 )
 from cspr_msgs_py.vocabulary import Level
-from cspr_msgs_py.wire.conversions import from_diagnostic_array
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 PATIENCE = 30.0

@@ -12,6 +12,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
+from tests.messages import from_diagnostic_array, from_inertia_stamped, inertia_stamped
 
 from cspr_drivers.errors import ConfigurationError, DriverError
 from cspr_drivers.nodes.simulated_robot import SimulatedRobot, create_nodes
@@ -26,7 +27,6 @@ from cspr_msgs_py.topics import (
     cable_names,
     motor_names,
 )
-from cspr_msgs_py.wire.conversions import from_diagnostic_array, from_inertia_stamped, inertia_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 pytest.importorskip("mujoco")

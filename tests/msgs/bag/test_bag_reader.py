@@ -9,6 +9,7 @@ import yaml
 import zstandard
 from mcap.writer import IndexType, Writer
 from rclpy.serialization import serialize_message
+from tests.messages import diagnostic_status, inertia_stamped, pose_stamped
 
 from cspr_msgs_py.bag.bag_file import BagFile, Compression
 from cspr_msgs_py.bag.metadata import RecordedTopic
@@ -16,7 +17,6 @@ from cspr_msgs_py.bag.reader import Bag, BagWarning
 from cspr_msgs_py.errors import BagError
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.topics import INERTIA_STAMPED, JOINT_STATE, MULTI_DOF_TRAJECTORY, POSE_STAMPED
-from cspr_msgs_py.wire.conversions import diagnostic_status, inertia_stamped, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import VECTORS
 

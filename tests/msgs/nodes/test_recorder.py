@@ -15,6 +15,7 @@ from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from tests.messages import diagnostic_status, from_diagnostic_status
 
 from cspr_msgs_py.bag.reader import Bag, BagWarning
 from cspr_msgs_py.bag.recovery import recover
@@ -26,7 +27,6 @@ from cspr_msgs_py.runtime.process import advertise
 from cspr_msgs_py.runtime.recorder_intake import Source
 from cspr_msgs_py.topics import EVENTS, MOTOR_STATES, RECORDER_STATE, ROBOT_STATE, motor_command, motor_names
 from cspr_msgs_py.vocabulary import Level
-from cspr_msgs_py.wire.conversions import diagnostic_status, from_diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 CODEC = JointStateCodec(motor_names(6))
@@ -224,7 +224,7 @@ def test_a_chosen_list(tmp_path: Path, context: Context, executor, start) -> Non
     # nor does it come to be; a recorder of the test before may be remembered for a moment
     spin_until(executor, lambda: command.get_subscription_count() == 0)
     (status,) = recorder._status()
-    assert from_diagnostic_status(status)[3]["no message yet"] == "/never"
+    assert status.values["no message yet"] == "/never"
     recorder.make_safe()
     with Bag(tmp_path / "bag") as bag:
         assert bag.topics.keys() <= {"/motor_states", "/later", "/events"}

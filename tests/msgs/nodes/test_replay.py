@@ -15,13 +15,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from tests.messages import diagnostic_status, from_diagnostic_status, nanoseconds
 
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.runtime.process import advertise, subscribe
 from cspr_msgs_py.topics import MOTOR_STATES, ROBOT_STATE, motor_command, motor_names
-from cspr_msgs_py.wire.conversions import diagnostic_status, from_diagnostic_status, nanoseconds
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
 START = 1_700_000_000_000_000_000

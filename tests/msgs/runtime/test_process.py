@@ -11,7 +11,8 @@ import pytest
 
 PROGRAM = """
 import os, sys, time
-from cspr_msgs_py.wire.conversions import diagnostic_status
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.samples import Status
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.parameters.row import NodeParameter
 from cspr_msgs_py.runtime.parameters import declare
@@ -42,7 +43,7 @@ class Worker(Node):
         self.publisher = advertise(self, MOTOR_STATES)
         subscribe_raw(self, MOTOR_STATES, self.receive)
         steady_timer(self, 0.005, self.publish)
-        self.diagnostics = Diagnostics(self, lambda: [diagnostic_status("worker", 0, "well")])
+        self.diagnostics = Diagnostics(self, lambda: [Status("worker", Level.OK, "well")])
         self.create_service(Trigger, "~/ask", lambda request, response: response)
         self.client = self.create_client(Trigger, "/worker/ask")
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from tests.messages import diagnostic_array, diagnostic_status, inertia_stamped, pose_stamped
 
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.vocabulary import Level
-from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status, inertia_stamped, pose_stamped
 from cspr_msgs_py.wire.joint_state import JointSample, JointStateCodec, JointStateSample
 from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, Status, StatusArray
 from cspr_msgs_py.wire.topic_codecs import topic_codec

@@ -124,4 +124,4 @@ class Component:
         raise NotImplementedError
 
     def _status(self, level: Level, text: str, values: Mapping[str, Any]) -> Status:
-        return Status(self.name, level, text, {key: str(value) for key, value in values.items()})
+        return Status.of(self.name, level, text, values)

@@ -10,9 +10,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import InertiaStamped
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -21,9 +20,9 @@ from cspr_control.demo.child_processes import ChildProcesses
 from cspr_control.demo.scenario import DemoError
 from cspr_control.errors import ControlError
 from cspr_msgs_py import topics
-from cspr_msgs_py.qos import qos_profile
+from cspr_msgs_py.runtime.process import sample_publisher, subscribe_samples
 from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, RobotState
-from cspr_msgs_py.wire.conversions import inertia_stamped
+from cspr_msgs_py.wire.samples import InertiaSample, Status, StatusArray
 
 
 class DemoClient(Node):
@@ -38,18 +37,16 @@ class DemoClient(Node):
         self._seen: set[str] = set()
         # services are asked for by name again and again: one client each
         self._trigger_clients: dict[str, Any] = {}
-        for topic, kind, callback in (
-            (topics.ROBOT_STATE, DiagnosticStatus, self._on_robot_state),
-            (topics.TRAJECTORY_STATE, DiagnosticStatus, self._on_trajectory_state),
-            (topics.DRIVE_STATES, DiagnosticArray, self._on_drive_states),
-            (topics.DIAGNOSTICS, DiagnosticArray, self._on_diagnostics),
-            (topics.PAYLOAD, InertiaStamped, self._on_payload),
-            (topics.SIMULATED_PAYLOAD, InertiaStamped, self._on_true_payload),
+        for topic, callback in (
+            (topics.ROBOT_STATE, self._on_robot_state),
+            (topics.TRAJECTORY_STATE, self._on_trajectory_state),
+            (topics.DRIVE_STATES, self._on_drive_states),
+            (topics.DIAGNOSTICS, self._on_diagnostics),
+            (topics.PAYLOAD, self._on_payload),
+            (topics.SIMULATED_PAYLOAD, self._on_true_payload),
         ):
-            self.create_subscription(kind, topic.name, callback, qos_profile(topic))
-        self._set_payload = self.create_publisher(
-            InertiaStamped, topics.SET_SIMULATED_PAYLOAD.name, qos_profile(topics.SET_SIMULATED_PAYLOAD)
-        )
+            subscribe_samples(self, topic, callback)
+        self._send_payload = sample_publisher(self, topics.SET_SIMULATED_PAYLOAD)
 
     @property
     def missing(self) -> str:
@@ -86,7 +83,7 @@ class DemoClient(Node):
 
     def set_payload(self, mass: float, stamp_ns: int) -> None:
         """Let the simulated robot carry a mass from a moment on."""
-        self._set_payload.publish(inertia_stamped(stamp_ns, mass, (0.0, 0.0, 0.0)))
+        self._send_payload(InertiaSample(stamp_ns, mass, np.zeros(3)))
 
     def trigger(self, service: str) -> Any:
         """Ask a service; returns the future."""
@@ -95,34 +92,32 @@ class DemoClient(Node):
         client = self._trigger_clients[service]
         return client.call_async(Trigger.Request()) if client.wait_for_service(timeout_sec=5.0) else None
 
-    def _on_robot_state(self, status: DiagnosticStatus) -> None:
-        values = {pair.key: pair.value for pair in status.values}
+    def _on_robot_state(self, status: Status) -> None:
         self.robot_state = status.message
-        self.robot_message = values.get("cause") or values.get("remark", "")
+        self.robot_message = status.values.get("cause") or status.values.get("remark", "")
 
-    def _on_trajectory_state(self, status: DiagnosticStatus) -> None:
-        values = {pair.key: pair.value for pair in status.values}
+    def _on_trajectory_state(self, status: Status) -> None:
+        values = status.values
         self.phase, self.interruption = status.message, values.get("interruption", "")
         if self.phase in UNDER_WAY and "start_time" in values:
             self.trajectory_times = (int(values["start_time"]), int(values["end_time"]))
 
-    def _on_drive_states(self, states: DiagnosticArray) -> None:
-        for status in states.status:
-            if status.name == "can_drives":
-                self.drives = status.message
+    def _on_drive_states(self, states: StatusArray) -> None:
+        if (drives := states.find("can_drives")) is not None:
+            self.drives = drives.message
 
-    def _on_diagnostics(self, diagnostics: DiagnosticArray) -> None:
-        for status in diagnostics.status:
+    def _on_diagnostics(self, diagnostics: StatusArray) -> None:
+        for status in diagnostics.statuses:
             name = status.name.rsplit("/", 1)[-1]
             self._seen.add(name)
             if name == "can_drives":
-                self.cycle_values = {pair.key: pair.value for pair in status.values}
+                self.cycle_values = dict(status.values)
 
-    def _on_payload(self, message: InertiaStamped) -> None:
-        self.estimated_mass = message.inertia.m
+    def _on_payload(self, sample: InertiaSample) -> None:
+        self.estimated_mass = sample.mass
 
-    def _on_true_payload(self, message: InertiaStamped) -> None:
-        self.true_mass = message.inertia.m
+    def _on_true_payload(self, sample: InertiaSample) -> None:
+        self.true_mass = sample.mass
 
 
 @contextlib.contextmanager

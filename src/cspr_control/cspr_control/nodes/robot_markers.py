@@ -11,11 +11,11 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import InertiaStamped, Point, PoseStamped
+from geometry_msgs.msg import Point
 from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.time import Time
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -44,8 +44,8 @@ from cspr_msgs_py.runtime.process import (
     advertise,
     run_nodes,
     steady_timer,
-    subscribe,
     subscribe_raw,
+    subscribe_samples,
 )
 from cspr_msgs_py.topics import (
     BASE_FRAME,
@@ -58,17 +58,11 @@ from cspr_msgs_py.topics import (
     cable_names,
 )
 from cspr_msgs_py.vocabulary import Level
-from cspr_msgs_py.wire.conversions import (
-    diagnostic_status,
-    from_diagnostic_status,
-    from_inertia_stamped,
-    from_pose_stamped,
-    time_message,
-)
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 from cspr_msgs_py.wire.reference import ReferenceCodec
 from cspr_msgs_py.wire.reference_conversion import decode_reference
+from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, Status
 
 _PERIOD = 0.1  # s
 _MAX_AGE = 0.5  # s; what is older is not shown
@@ -106,26 +100,26 @@ class RobotMarkers(Node):
         self._frame = [_marker(shape) for shape in frame_shapes(self._robot)]
         self._problem = ""
         self._publisher = advertise(self, ROBOT_MARKERS)
-        subscribe(self, PLATFORM_POSE, self._on_pose)
-        subscribe(self, PAYLOAD, self._on_payload)
-        subscribe(self, TRAJECTORY_STATE, self._on_trajectory_state)
+        subscribe_samples(self, PLATFORM_POSE, self._on_pose)
+        subscribe_samples(self, PAYLOAD, self._on_payload)
+        subscribe_samples(self, TRAJECTORY_STATE, self._on_trajectory_state)
         # decoded ten times a second, not each time that one arrives
         subscribe_raw(self, CABLE_TENSIONS, self._on_tensions)
         subscribe_raw(self, REFERENCE, self._on_reference)
         self._diagnostics = Diagnostics(self, self._status)
         self._timer = steady_timer(self, _PERIOD, self._publish)
 
-    def _on_pose(self, message: PoseStamped) -> None:
-        stamp, position, quaternion = from_pose_stamped(message)
+    def _on_pose(self, sample: PoseSample) -> None:
         try:
-            self._pose = time.monotonic(), stamp, Pose.from_quaternion(position, quaternion)
+            pose = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
+            self._pose = time.monotonic(), sample.stamp_ns, pose
         except KinematicsError as error:
             self._problem = str(error)
 
-    def _on_payload(self, message: InertiaStamped) -> None:
-        _, mass, center = from_inertia_stamped(message)
+    def _on_payload(self, sample: InertiaSample) -> None:
         try:
-            self._payload = time.monotonic(), checked_payload(PAYLOAD.name, mass, center, np.inf)
+            payload = checked_payload(PAYLOAD.name, sample.mass, sample.center_of_mass, np.inf)
+            self._payload = time.monotonic(), payload
         except PayloadError as error:
             self._problem = str(error)
 
@@ -135,9 +129,8 @@ class RobotMarkers(Node):
     def _on_reference(self, message: bytes) -> None:
         self._reference = time.monotonic(), message
 
-    def _on_trajectory_state(self, message: DiagnosticStatus) -> None:
-        _, _, _, values = from_diagnostic_status(message)
-        name = values.get("trajectory", "")
+    def _on_trajectory_state(self, status: Status) -> None:
+        name = status.values.get("trajectory", "")
         if name == self._trajectory_name:
             return
         self._trajectory_name = name
@@ -170,7 +163,7 @@ class RobotMarkers(Node):
             markers += [_marker(shape) for shape in shapes]
         message = MarkerArray(markers=markers)
         for marker in markers:
-            marker.header.stamp = time_message(stamp)
+            marker.header.stamp = Time(nanoseconds=stamp).to_msg()
         self._publisher.publish(message)
 
     def _shapes(self, now: float, pose: Pose) -> list[Shape]:
@@ -189,10 +182,10 @@ class RobotMarkers(Node):
             shapes.append(path_shape(list(self._path)))
         return shapes
 
-    def _status(self) -> list[DiagnosticStatus]:
+    def _status(self) -> list[Status]:
         known = self._pose is not None and time.monotonic() - self._pose[0] <= _MAX_AGE
         level, text = (Level.OK, "showing the robot") if known else (Level.STALE, "no platform pose")
-        return [diagnostic_status(self.get_name(), level, text, {"last_problem": self._problem})]
+        return [Status.of(self.get_name(), level, text, {"last_problem": self._problem})]
 
 
 def _marker(shape: Shape) -> Marker:

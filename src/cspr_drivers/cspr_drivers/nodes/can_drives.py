@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from itertools import starmap
 from typing import Any
-
-from diagnostic_msgs.msg import DiagnosticStatus
 
 from cspr_drivers.bus.bus_load import require_fitting_load
 from cspr_drivers.bus.can_bus import CanPorts
@@ -25,14 +22,15 @@ from cspr_msgs_py.runtime.process import (
     Diagnostics,
     advertise,
     run_nodes,
+    sample_publisher,
     steady_timer,
     subscribe_raw,
 )
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
 from cspr_msgs_py.vocabulary import DriverState
-from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
+from cspr_msgs_py.wire.samples import Status, StatusArray
 
 # Threads of a driver wait for each other for microseconds; Python's 5 ms are longer than a cycle.
 SWITCH_INTERVAL = 0.0001  # s
@@ -55,7 +53,7 @@ class CanDrives(DriverNode):
         names = motor_names(len(self.config.drives))
         self._codec = JointStateCodec(names)
         self._states = advertise(self, MOTOR_STATES)
-        self._drive_states = advertise(self, DRIVE_STATES)
+        self._send_states = sample_publisher(self, DRIVE_STATES)
         self._master: DriveMaster | None = None
         self._published_states: tuple[DriverState, str, tuple[DriveStatus, ...]] | None = None
         self._since_published = 0.0
@@ -150,19 +148,18 @@ class CanDrives(DriverNode):
         self._since_published = 0.0
         stamp = self.get_clock().now().nanoseconds
         statuses = drive_states(self.master.snapshot())
-        self._drive_states.publish(diagnostic_array(stamp, starmap(diagnostic_status, statuses)))
+        self._send_states(StatusArray(stamp, tuple(statuses)))
         state, cause, _ = states
         if before is None or before[0] is not state:
             self.get_logger().info(f"drives {state.value}" + (f": {cause}" if cause else ""))
 
-    def _report(self) -> list[DiagnosticStatus]:
+    def _report(self) -> list[Status]:
         if self._master is None:
-            return [diagnostic_status(*not_configured(self.get_name()))]
-        statuses = [
+            return [not_configured(self.get_name())]
+        return [
             *drive_diagnostics(self._master.snapshot()),
             *(bus_status("can_drives", p) for p in self.ports),
         ]
-        return [diagnostic_status(*status) for status in statuses]
 
 
 def main() -> int:

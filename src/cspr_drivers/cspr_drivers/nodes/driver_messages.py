@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.drives.report import DriveReport
@@ -19,7 +18,7 @@ def drive_states(report: DriveReport) -> list[Status]:
     """Return the statuses of /drive_states: the drives as a whole, then each one."""
     overall = {"cause": report.cause, "enabled": ", ".join(report.members)}
     level = _LEVELS.get(report.state, Level.OK)
-    statuses = [_status("can_drives", level, report.state.value, overall)]
+    statuses = [Status.of("can_drives", level, report.state.value, overall)]
     for drive, age in zip(report.drives, report.feedback_ages, strict=True):
         level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
         values = {
@@ -32,7 +31,7 @@ def drive_states(report: DriveReport) -> list[Status]:
             "feedback_age_ms": _milliseconds(age),
             "unavailable": drive.unavailable,
         }
-        statuses.append(_status(drive.name, level, drive.state_name, values))
+        statuses.append(Status.of(drive.name, level, drive.state_name, values))
     return statuses
 
 
@@ -43,7 +42,7 @@ def _milliseconds(age: float) -> str:
 
 def not_configured(node: str) -> Status:
     """Return the status of a driver that has not opened its buses."""
-    return _status(node, Level.WARN, "not configured: no bus is open", {})
+    return Status.of(node, Level.WARN, "not configured: no bus is open", {})
 
 
 def drive_diagnostics(report: DriveReport) -> list[Status]:
@@ -70,7 +69,7 @@ def _each_drive(report: DriveReport) -> Iterator[Status]:
                 values["rated_current_a"] = f"{facts.rated_current:g}"
         level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
         message = drive.unavailable or drive.state_name
-        yield _status(f"can_drives: {drive.name}", level, message, values)
+        yield Status.of(f"can_drives: {drive.name}", level, message, values)
 
 
 def _driver_diagnostics(report: DriveReport) -> Status:
@@ -94,9 +93,9 @@ def _driver_diagnostics(report: DriveReport) -> Status:
         "worst_sync_lateness_us": round(1e6 * report.worst_lateness),
     }
     if not report.clock_running:
-        return _status("can_drives", Level.ERROR, "no SYNC is sent", values)
+        return Status.of("can_drives", Level.ERROR, "no SYNC is sent", values)
     message = report.state.value + (f": {report.cause}" if report.cause else "")
-    return _status("can_drives", _LEVELS.get(report.state, Level.OK), message, values)
+    return Status.of("can_drives", _LEVELS.get(report.state, Level.OK), message, values)
 
 
 def load_cell_states(names: Sequence[str], problems: Mapping[str, str]) -> list[Status]:
@@ -104,9 +103,9 @@ def load_cell_states(names: Sequence[str], problems: Mapping[str, str]) -> list[
     cause = in_words(problems)
     level = Level.ERROR if problems else Level.OK
     return [
-        _status("load_cells", level, "fault" if problems else "ok", {"cause": cause}),
+        Status.of("load_cells", level, "fault" if problems else "ok", {"cause": cause}),
         *(
-            _status(name, Level.ERROR if name in problems else Level.OK, problems.get(name, "ok"), {})
+            Status.of(name, Level.ERROR if name in problems else Level.OK, problems.get(name, "ok"), {})
             for name in names
         ),
     ]
@@ -128,7 +127,7 @@ def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[
         problem = "no SYNC on the bus: can_drives sends it"
     else:
         problem = "; ".join(f"{name} {why}" for name, why in (statistics.problems | report.problems).items())
-    statuses = [_status("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)]
+    statuses = [Status.of("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)]
     for name, counts, errors in zip(names, statistics.answers, report.errors, strict=True):
         words = report.problems.get(name, "")
         counters = {
@@ -139,7 +138,7 @@ def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[
             "remedy": "; ".join(error.remedy for error in errors),
         }
         level = Level.ERROR if words else Level.OK
-        statuses.append(_status(f"load_cells: {name}", level, words or "ok", counters))
+        statuses.append(Status.of(f"load_cells: {name}", level, words or "ok", counters))
     return statuses
 
 
@@ -156,8 +155,4 @@ def bus_status(node: str, port: CanPort) -> Status:
     level = Level.WARN if any(counts.values()) else Level.OK
     if port.receive_buffer is not None:
         counts["receive_buffer_bytes"] = port.receive_buffer
-    return _status(f"{node}: bus {port.name}", level, port.last_problem or "ok", counts)
-
-
-def _status(name: str, level: Level, message: str, values: Mapping[str, Any]) -> Status:
-    return Status(name, level, message, {key: str(value) for key, value in values.items()})
+    return Status.of(f"{node}: bus {port.name}", level, port.last_problem or "ok", counts)

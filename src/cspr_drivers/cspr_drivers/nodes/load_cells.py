@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import sys
-from itertools import starmap
 from typing import Any
-
-from diagnostic_msgs.msg import DiagnosticStatus
 
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
@@ -22,10 +19,10 @@ from cspr_drivers.nodes.driver_messages import (
 )
 from cspr_drivers.nodes.driver_node import DriverNode
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, sample_publisher, steady_timer
 from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, cable_names
-from cspr_msgs_py.wire.conversions import diagnostic_array, diagnostic_status
 from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.samples import Status, StatusArray
 
 WATCH_PERIOD = 0.5  # s; how often heartbeats are looked at
 STATE_PERIOD = 0.02  # s; how soon a problem is on /load_cell_states
@@ -47,7 +44,7 @@ class LoadCells(DriverNode):
             cable_names(len(self.config.load_cells)), position=False, velocity=False
         )
         self._tensions = advertise(self, CABLE_TENSIONS)
-        self._states = advertise(self, LOAD_CELL_STATES)
+        self._send_states = sample_publisher(self, LOAD_CELL_STATES)
         self._names = cable_names(len(self.config.load_cells))
         self._published: dict[str, str] | None = None
         self._since_published = 0.0
@@ -91,20 +88,19 @@ class LoadCells(DriverNode):
         self._since_published = 0.0
         stamp = self.get_clock().now().nanoseconds
         statuses = load_cell_states(self._names, problems)
-        self._states.publish(diagnostic_array(stamp, starmap(diagnostic_status, statuses)))
+        self._send_states(StatusArray(stamp, tuple(statuses)))
 
     def _publish(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self._tensions.publish(self._codec.encode(stamp_ns, effort=tensions))
 
-    def _report(self) -> list[DiagnosticStatus]:
+    def _report(self) -> list[Status]:
         if self._master is None:
-            return [diagnostic_status(*not_configured(self.get_name()))]
+            return [not_configured(self.get_name())]
         report = self._master.snapshot(self.ports.clock.monotonic())
-        statuses = [
+        return [
             *load_cell_diagnostics(self._names, report),
             *(bus_status("load_cells", port) for port in self.ports),
         ]
-        return [diagnostic_status(*status) for status in statuses]
 
 
 def main() -> int:

@@ -7,11 +7,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
+import numpy as np
 from geometry_msgs.msg import InertiaStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from cspr_drivers.clock import COMPUTER, SlowClock
@@ -26,10 +27,10 @@ from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer, subscribe
+from cspr_msgs_py.runtime.process import Diagnostics, run_nodes, sample_publisher, steady_timer, subscribe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
 from cspr_msgs_py.vocabulary import Level
-from cspr_msgs_py.wire.conversions import diagnostic_status, from_inertia_stamped, inertia_stamped
+from cspr_msgs_py.wire.samples import InertiaSample, Status
 
 _PAYLOAD_PERIOD = 0.02  # s
 _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn
@@ -64,7 +65,7 @@ class SimulatedRobot(Node):
         self._emulator = RobotEmulator(
             self.config, simulation, _plant(simulation), eds_directory, values["bus_timing"], self.clock
         )
-        self._payload = advertise(self, SIMULATED_PAYLOAD)
+        self._send_payload = sample_publisher(self, SIMULATED_PAYLOAD)
         subscribe(self, SET_SIMULATED_PAYLOAD, self._set_payload)
         self._refused_payloads = 0
         self._slack: tuple[int, ...] = ()
@@ -84,7 +85,7 @@ class SimulatedRobot(Node):
         if self._emulator.failure is not None:
             raise self._emulator.failure
         payload = self._emulator.payload
-        self._payload.publish(inertia_stamped(self.clock.system_ns(), payload.mass, payload.center_of_mass))
+        self._send_payload(InertiaSample(self.clock.system_ns(), payload.mass, payload.center_of_mass))
         slack = self._emulator.slack_cables()
         for cable in sorted(set(slack) - set(self._slack)):
             self._slack_events += 1
@@ -92,11 +93,12 @@ class SimulatedRobot(Node):
         self._slack = slack
 
     def _set_payload(self, message: InertiaStamped) -> None:
-        stamp, mass, center_of_mass = from_inertia_stamped(message)
+        mass, center = message.inertia.m, message.inertia.com
+        stamp = Time.from_msg(message.header.stamp).nanoseconds
         try:
             if message.header.frame_id not in ("", PLATFORM_FRAME):
                 raise KinematicsError(f"frame_id is '{message.header.frame_id}', expected '{PLATFORM_FRAME}'")
-            payload = Payload(mass, center_of_mass)
+            payload = Payload(mass, np.array([center.x, center.y, center.z]))
         except KinematicsError as error:
             self._refused_payloads += 1
             self.get_logger().error(f"payload refused: {error}")
@@ -133,7 +135,7 @@ class SimulatedRobot(Node):
         self.get_logger().info(response.message)
         return response
 
-    def _report(self) -> list[DiagnosticStatus]:
+    def _report(self) -> list[Status]:
         emulator = self._emulator
         lag = emulator.lag
         values = {
@@ -146,14 +148,10 @@ class SimulatedRobot(Node):
             "refused_payloads": self._refused_payloads,
         }
         if lag > _LARGEST_LAG:
-            return [
-                diagnostic_status(
-                    self.get_name(), Level.WARN, "the plant cannot keep up with the clock", values
-                )
-            ]
+            return [Status.of(self.get_name(), Level.WARN, "the plant cannot keep up with the clock", values)]
         if self._slack:
-            return [diagnostic_status(self.get_name(), Level.WARN, "slack cable", values)]
-        return [diagnostic_status(self.get_name(), Level.OK, "ok", values)]
+            return [Status.of(self.get_name(), Level.WARN, "slack cable", values)]
+        return [Status.of(self.get_name(), Level.OK, "ok", values)]
 
 
 def on_virtual_buses(config: CanConfig) -> CanConfig:

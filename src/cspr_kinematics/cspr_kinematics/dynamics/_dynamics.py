@@ -14,52 +14,6 @@ GRAVITY_Z = -9.81  # m/s^2, along z of base
 
 
 @kernel
-def required_wrench_at(
-    parameters: FloatArray,
-    rotation: FloatArray,
-    angular_velocity: FloatArray,
-    linear_acceleration: FloatArray,
-    angular_acceleration: FloatArray,
-    wrench: FloatArray,
-) -> None:
-    """Fill in w = H [a; alpha] + C xdot - w_g, (6,), about the platform's origin in base axes."""
-    Q = rotation
-    m = parameters[0]
-    # gravity acts like an upward acceleration of the whole platform
-    ax, ay, az = linear_acceleration[0], linear_acceleration[1], linear_acceleration[2] - GRAVITY_Z
-    ox, oy, oz = angular_velocity[0], angular_velocity[1], angular_velocity[2]
-    lx, ly, lz = angular_acceleration[0], angular_acceleration[1], angular_acceleration[2]
-    px, py, pz = parameters[1], parameters[2], parameters[3]
-    cx = Q[0, 0] * px + Q[0, 1] * py + Q[0, 2] * pz
-    cy = Q[1, 0] * px + Q[1, 1] * py + Q[1, 2] * pz
-    cz = Q[2, 0] * px + Q[2, 1] * py + Q[2, 2] * pz
-
-    # omega x mc, then m a + alpha x mc + omega x (omega x mc)
-    vx, vy, vz = oy * cz - oz * cy, oz * cx - ox * cz, ox * cy - oy * cx
-    wrench[0] = m * ax + (ly * cz - lz * cy) + (oy * vz - oz * vy)
-    wrench[1] = m * ay + (lz * cx - lx * cz) + (oz * vx - ox * vz)
-    wrench[2] = m * az + (lx * cy - ly * cx) + (ox * vy - oy * vx)
-
-    # I_P omega and I_P alpha: to platform axes, through the tensor, and back
-    bx = Q[0, 0] * ox + Q[1, 0] * oy + Q[2, 0] * oz
-    by = Q[0, 1] * ox + Q[1, 1] * oy + Q[2, 1] * oz
-    bz = Q[0, 2] * ox + Q[1, 2] * oy + Q[2, 2] * oz
-    dx = Q[0, 0] * lx + Q[1, 0] * ly + Q[2, 0] * lz
-    dy = Q[0, 1] * lx + Q[1, 1] * ly + Q[2, 1] * lz
-    dz = Q[0, 2] * lx + Q[1, 2] * ly + Q[2, 2] * lz
-    xx, xy, xz = parameters[4], parameters[5], parameters[6]
-    yy, yz, zz = parameters[7], parameters[8], parameters[9]
-    hx, hy, hz = xx * bx + xy * by + xz * bz, xy * bx + yy * by + yz * bz, xz * bx + yz * by + zz * bz
-    # I alpha + omega x (I omega), in platform axes
-    tx = xx * dx + xy * dy + xz * dz + (by * hz - bz * hy)
-    ty = xy * dx + yy * dy + yz * dz + (bz * hx - bx * hz)
-    tz = xz * dx + yz * dy + zz * dz + (bx * hy - by * hx)
-    wrench[3] = cy * az - cz * ay + (Q[0, 0] * tx + Q[0, 1] * ty + Q[0, 2] * tz)
-    wrench[4] = cz * ax - cx * az + (Q[1, 0] * tx + Q[1, 1] * ty + Q[1, 2] * tz)
-    wrench[5] = cx * ay - cy * ax + (Q[2, 0] * tx + Q[2, 1] * ty + Q[2, 2] * tz)
-
-
-@kernel
 def required_wrenches(
     parameters: FloatArray,
     rotations: FloatArray,
@@ -68,16 +22,42 @@ def required_wrenches(
     angular_accelerations: FloatArray,
     wrenches: FloatArray,
 ) -> None:
-    """Fill in the wrenches (n, 6) of n states of motion."""
+    """Fill in w = H [a; alpha] + C xdot - w_g, (n, 6), about the platform's origin in base axes."""
+    m, px, py, pz = parameters[0], parameters[1], parameters[2], parameters[3]
+    xx, xy, xz = parameters[4], parameters[5], parameters[6]
+    yy, yz, zz = parameters[7], parameters[8], parameters[9]
     for n in range(rotations.shape[0]):
-        required_wrench_at(
-            parameters,
-            rotations[n],
-            angular_velocities[n],
-            linear_accelerations[n],
-            angular_accelerations[n],
-            wrenches[n],
-        )
+        Q = rotations[n]
+        # gravity acts like an upward acceleration of the whole platform
+        ax, ay = linear_accelerations[n, 0], linear_accelerations[n, 1]
+        az = linear_accelerations[n, 2] - GRAVITY_Z
+        ox, oy, oz = angular_velocities[n, 0], angular_velocities[n, 1], angular_velocities[n, 2]
+        lx, ly, lz = angular_accelerations[n, 0], angular_accelerations[n, 1], angular_accelerations[n, 2]
+        cx = Q[0, 0] * px + Q[0, 1] * py + Q[0, 2] * pz
+        cy = Q[1, 0] * px + Q[1, 1] * py + Q[1, 2] * pz
+        cz = Q[2, 0] * px + Q[2, 1] * py + Q[2, 2] * pz
+
+        # omega x mc, then m a + alpha x mc + omega x (omega x mc)
+        vx, vy, vz = oy * cz - oz * cy, oz * cx - ox * cz, ox * cy - oy * cx
+        wrenches[n, 0] = m * ax + (ly * cz - lz * cy) + (oy * vz - oz * vy)
+        wrenches[n, 1] = m * ay + (lz * cx - lx * cz) + (oz * vx - ox * vz)
+        wrenches[n, 2] = m * az + (lx * cy - ly * cx) + (ox * vy - oy * vx)
+
+        # I_P omega and I_P alpha: to platform axes, through the tensor, and back
+        bx = Q[0, 0] * ox + Q[1, 0] * oy + Q[2, 0] * oz
+        by = Q[0, 1] * ox + Q[1, 1] * oy + Q[2, 1] * oz
+        bz = Q[0, 2] * ox + Q[1, 2] * oy + Q[2, 2] * oz
+        dx = Q[0, 0] * lx + Q[1, 0] * ly + Q[2, 0] * lz
+        dy = Q[0, 1] * lx + Q[1, 1] * ly + Q[2, 1] * lz
+        dz = Q[0, 2] * lx + Q[1, 2] * ly + Q[2, 2] * lz
+        hx, hy, hz = xx * bx + xy * by + xz * bz, xy * bx + yy * by + yz * bz, xz * bx + yz * by + zz * bz
+        # I alpha + omega x (I omega), in platform axes
+        tx = xx * dx + xy * dy + xz * dz + (by * hz - bz * hy)
+        ty = xy * dx + yy * dy + yz * dz + (bz * hx - bx * hz)
+        tz = xz * dx + yz * dy + zz * dz + (bx * hy - by * hx)
+        wrenches[n, 3] = cy * az - cz * ay + (Q[0, 0] * tx + Q[0, 1] * ty + Q[0, 2] * tz)
+        wrenches[n, 4] = cz * ax - cx * az + (Q[1, 0] * tx + Q[1, 1] * ty + Q[1, 2] * tz)
+        wrenches[n, 5] = cx * ay - cy * ax + (Q[2, 0] * tx + Q[2, 1] * ty + Q[2, 2] * tz)
 
 
 @kernel

@@ -108,34 +108,6 @@ def path_at(
 
 
 @kernel
-def cables_at_pose(
-    geometry: FloatArray,
-    position: FloatArray,
-    rotation: FloatArray,
-    lengths: FloatArray,
-    free_lengths: FloatArray,
-    directions: FloatArray,
-    arms: FloatArray,
-    wrench_matrix: FloatArray,
-    jacobian: FloatArray,
-) -> tuple[int, int]:
-    """Fill in the cables (m, ...) at one pose; return the first fault and the index of the cable that has it."""
-    for i in range(geometry.shape[0]):
-        fault, length, free, ux, uy, uz, rx, ry, rz = path_at(geometry, i, position, rotation)
-        if fault != PATH_EXISTS:
-            return fault, i
-        mx, my, mz = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
-        lengths[i], free_lengths[i] = length, free
-        directions[i, 0], directions[i, 1], directions[i, 2] = ux, uy, uz
-        arms[i, 0], arms[i, 1], arms[i, 2] = rx, ry, rz
-        wrench_matrix[0, i], wrench_matrix[1, i], wrench_matrix[2, i] = ux, uy, uz
-        wrench_matrix[3, i], wrench_matrix[4, i], wrench_matrix[5, i] = mx, my, mz
-        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = -ux, -uy, -uz
-        jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = -mx, -my, -mz
-    return PATH_EXISTS, 0
-
-
-@kernel
 def cables_at_poses(
     geometry: FloatArray,
     positions: FloatArray,
@@ -144,24 +116,24 @@ def cables_at_poses(
     free_lengths: FloatArray,
     directions: FloatArray,
     arms: FloatArray,
-    wrench_matrix: FloatArray,
-    jacobian: FloatArray,
+    wrench_matrices: FloatArray,
+    jacobians: FloatArray,
 ) -> tuple[int, int, int]:
-    """Fill in the cables at n poses; return the first fault and the indices of cable and pose."""
+    """Fill in the cables (n, m, ...) at n poses; return the first fault and the indices of cable and pose."""
     for n in range(positions.shape[0]):
-        fault, cable = cables_at_pose(
-            geometry,
-            positions[n],
-            rotations[n],
-            lengths[n],
-            free_lengths[n],
-            directions[n],
-            arms[n],
-            wrench_matrix[n],
-            jacobian[n],
-        )
-        if fault != PATH_EXISTS:
-            return fault, cable, n
+        u, r, A, J = directions[n], arms[n], wrench_matrices[n], jacobians[n]
+        for i in range(geometry.shape[0]):
+            fault, length, free, ux, uy, uz, rx, ry, rz = path_at(geometry, i, positions[n], rotations[n])
+            if fault != PATH_EXISTS:
+                return fault, i, n
+            mx, my, mz = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
+            lengths[n, i], free_lengths[n, i] = length, free
+            u[i, 0], u[i, 1], u[i, 2] = ux, uy, uz
+            r[i, 0], r[i, 1], r[i, 2] = rx, ry, rz
+            A[0, i], A[1, i], A[2, i] = ux, uy, uz
+            A[3, i], A[4, i], A[5, i] = mx, my, mz
+            J[i, 0], J[i, 1], J[i, 2] = -ux, -uy, -uz
+            J[i, 3], J[i, 4], J[i, 5] = -mx, -my, -mz
     return PATH_EXISTS, 0, 0
 
 

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -25,13 +24,13 @@ from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.qos import compatible_profile, offered_qos, qos_profile
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, steady_timer
+from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, sample_publisher, steady_timer
 from cspr_msgs_py.runtime.recorder_intake import Intake
 from cspr_msgs_py.runtime.scheduling import set_background
 from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import NANOSECONDS
-from cspr_msgs_py.wire.conversions import diagnostic_status
+from cspr_msgs_py.wire.samples import Status
 
 GRAPH_PERIOD = 0.5  # s between two looks for new topics
 
@@ -89,7 +88,7 @@ class Recorder(Node):
             ("mark", self._mark),
         ):
             self.create_service(Trigger, f"~/{name}", _answer(action))
-        self._state = advertise(self, RECORDER_STATE)
+        self._send_state = sample_publisher(self, RECORDER_STATE)
         self._diagnostics = Diagnostics(self, self._status)
         self._publish_state("recording")
         self.get_logger().info(f"recording to {self._bag.directory}")
@@ -187,9 +186,9 @@ class Recorder(Node):
         if self._failed and level is not Level.ERROR:
             return  # which no service undoes
         values = {"bag": self._bag.directory, "cause": cause}
-        self._state.publish(diagnostic_status(self.get_name(), level, state, values))
+        self._send_state(Status.of(self.get_name(), level, state, values))
 
-    def _status(self) -> Iterable[DiagnosticStatus]:
+    def _status(self) -> Iterable[Status]:
         counts, drops, lost = self._writer.counts, self._writer.drops, self._intake.lost
         total, dropped = sum(counts.values()), sum(drops.values())
         text = f"{total} messages of {len(counts)} topics recorded"
@@ -203,7 +202,7 @@ class Recorder(Node):
         if self._writer.error is not None:
             level, text = Level.ERROR, str(self._writer.error)
         missing = sorted(name for name in self._chosen if name not in counts)
-        yield diagnostic_status(
+        yield Status.of(
             self.get_name(),
             level,
             text,

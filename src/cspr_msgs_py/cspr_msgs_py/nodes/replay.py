@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
@@ -29,7 +30,6 @@ from cspr_msgs_py.runtime.process import LEAN_NODE
 from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
 from cspr_msgs_py.topics import MOTOR_STATES, graph_topics
 from cspr_msgs_py.wire.cdr import NANOSECONDS
-from cspr_msgs_py.wire.conversions import time_message
 
 CLOCK = "/clock"
 DRIVER = "can_drives"  # the node that passes the motors' commands on to real drives
@@ -230,7 +230,7 @@ class Replay:
 
     def _publish_clock(self, time_ns: int) -> None:
         self._clock_ns = time_ns
-        self._clock.publish(Clock(clock=time_message(time_ns)))
+        self._clock.publish(Clock(clock=Time(nanoseconds=time_ns).to_msg()))
 
     def _look(self, timeout: float, now: float) -> None:
         """Watch the keyboard for this long, and everything else now and then."""

@@ -12,7 +12,6 @@ from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
@@ -24,7 +23,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.errors import MessageError, ParameterError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.parameters.file import check_arguments
 from cspr_msgs_py.parameters.row import NodeParameter
@@ -33,16 +32,19 @@ from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.scheduling import set_cpu, set_realtime_priority
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
-from cspr_msgs_py.wire.conversions import diagnostic_array
+from cspr_msgs_py.wire.samples import Status, StatusArray
+from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 __all__ = [
     "LEAN_NODE",
     "Diagnostics",
     "advertise",
     "run_nodes",
+    "sample_publisher",
     "steady_timer",
     "subscribe",
     "subscribe_raw",
+    "subscribe_samples",
 ]
 
 LEAN_NODE: Final = {"enable_rosout": False, "start_parameter_services": False}
@@ -275,6 +277,30 @@ def advertise(node: Node, topic: Topic) -> Publisher:
     return node.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
 
 
+def sample_publisher(node: Node, topic: Topic) -> Callable[[Any], None]:
+    """Create the publisher of a topic that does not depend on the robot, and return what publishes its samples."""
+    publish, encode = advertise(node, topic).publish, topic_codec(topic, 0).encode
+    return lambda sample: publish(encode(sample))
+
+
+def subscribe_samples(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
+    """Subscribe to a topic that does not depend on the robot; the callback receives its samples.
+
+    What cannot be read is told in the log and passed over.
+    """
+    decode = topic_codec(topic, 0).decode
+
+    def take(message: bytes) -> None:
+        try:
+            sample = decode(message)
+        except MessageError as error:
+            node.get_logger().warning(str(error), throttle_duration_sec=1.0)
+        else:
+            callback(sample)
+
+    return subscribe_raw(node, topic, take)
+
+
 def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
     """Create a timer of `period` seconds on the monotonic clock, which nobody can set."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -287,14 +313,14 @@ class Diagnostics:
     ----------
     node : Node
     callback : callable
-        Returns the statuses to publish, see :func:`cspr_msgs_py.conversions.diagnostic_status`.
+        Returns the statuses to publish.
     """
 
-    def __init__(self, node: Node, callback: Callable[[], Iterable[DiagnosticStatus]]) -> None:
+    def __init__(self, node: Node, callback: Callable[[], Iterable[Status]]) -> None:
         self._callback = callback
-        self._publisher = advertise(node, DIAGNOSTICS)
+        self._send = sample_publisher(node, DIAGNOSTICS)
         self._timer = steady_timer(node, 1.0, self.publish)
 
     def publish(self) -> None:
         """Publish now, besides the regular time."""
-        self._publisher.publish(diagnostic_array(time.time_ns(), self._callback()))
+        self._send(StatusArray(time.time_ns(), tuple(self._callback())))

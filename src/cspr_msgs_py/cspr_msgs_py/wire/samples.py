@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,11 @@ class Status(NamedTuple):
     message: str
     values: Mapping[str, str] = {}
     hardware_id: str = ""
+
+    @staticmethod
+    def of(name: str, level: Level, message: str, values: Mapping[str, Any]) -> Status:
+        """Return a status; the values are written with :func:`str`."""
+        return Status(name, level, message, {key: str(value) for key, value in values.items()})
 
 
 class StatusArray(NamedTuple):

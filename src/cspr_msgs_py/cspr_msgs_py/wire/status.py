@@ -52,7 +52,7 @@ def _write(writer: Writer, status: Status) -> None:
     writer.count(len(status.values))
     for key, value in status.values.items():
         writer.string(key)
-        writer.string(str(value))
+        writer.string(value)
 
 
 def _read(scanner: Scanner) -> Status:

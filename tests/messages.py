@@ -1,6 +1,5 @@
-"""Messages of the slower topics to and from plain arrays.
+"""Messages of ROS to and from plain arrays, as other programs send and hear them: they check the codecs, too.
 
-What runs every control cycle goes through :mod:`cspr_msgs_py.wire.joint_state` and :mod:`cspr_msgs_py.wire.reference`.
 Stamps are integers in nanoseconds of ROS time.
 """
 
