@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.robot import SimulatedRobot
@@ -132,15 +131,15 @@ def _leave_workspace(loop: RobotLoop) -> None:
     loop.play(lambda here: PointToPoint(here, outside, quick))
 
 
-def _across(here: Pose, distance: float, side: NDArray[np.float64]) -> Pose:
-    """Return the pose so far from the middle, m along x, on the other side; `side` is where along y and z."""
+def _across(here: Pose, distance: float, otherwise: Pose) -> Pose:
+    """Return the pose so far from the middle, m along x, on the other side of it; otherwise as another pose."""
     x = math.copysign(distance, -here.position[0] - 1e-9)
-    return Pose(np.array([x, *side]), here.rotation)
+    return Pose(np.array([x, *otherwise.position[1:]]), otherwise.rotation)
 
 
 def _hurry(loop: RobotLoop) -> None:
     quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
-    loop.play(lambda here: PointToPoint(here, _across(here, 1.0, here.position[1:]), quick))
+    loop.play(lambda here: PointToPoint(here, _across(here, 1.0, here), quick))
 
 
 def _lift_what_is_caught(loop: RobotLoop) -> None:
@@ -370,8 +369,8 @@ def _wait_until_set_up(loop: RobotLoop) -> None:
 
 def _move(loop: RobotLoop) -> None:
     """Bring the platform to full speed, level."""
-    middle = loop.robot.home.position[1:]
-    loop.play(lambda here: PointToPoint(here, _across(here, 0.4, middle), loop.player.limits))
+    home = loop.robot.home  # level, whatever the faults before have left
+    loop.play(lambda here: PointToPoint(here, _across(here, 0.4, home), loop.player.limits))
     loop.time.wait(loop.player.dwell + 1.0)
 
 
