@@ -10,7 +10,7 @@ import can
 import pytest
 import yaml
 
-from cspr_drivers.bus.can_bus import open_ports
+from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.config.can_config import CanConfig
 
 REPOSITORY = Path(__file__).parents[2]

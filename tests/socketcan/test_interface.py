@@ -9,7 +9,8 @@ import can
 import pytest
 
 from cspr_drivers.bus import socketcan_bus
-from cspr_drivers.bus.can_bus import CanPort, open_bus
+from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.bus.opening import open_bus
 from cspr_drivers.bus.socketcan_bus import QuickSocketCan
 from cspr_drivers.config.can_config import BusConfig
 from cspr_drivers.errors import BusError

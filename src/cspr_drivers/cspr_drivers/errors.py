@@ -15,7 +15,7 @@ class ConfigurationError(DriverError):
 
 
 class BusError(DriverError):
-    """A CAN interface cannot be opened or no longer carries frames: see to the interface."""
+    """A CAN interface cannot be opened or no longer carries frames: check the interface."""
 
 
 class FrameError(DriverError):
@@ -40,4 +40,4 @@ class DeviceError(DriverError):
 
 
 class WrongDeviceError(DeviceError):
-    """Another device than the configured one has this node id: exchange it, or correct the configuration."""
+    """Another device than the configured one has this node id: replace it, or correct the configuration."""

@@ -5,8 +5,9 @@ import time
 import can
 import pytest
 
-from cspr_drivers.bus import can_bus
-from cspr_drivers.bus.can_bus import CanPort, open_bus, open_ports
+from cspr_drivers.bus import opening
+from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.bus.opening import open_bus, open_ports
 from cspr_drivers.bus.socketcan_bus import error_frame_text
 from cspr_drivers.config.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError
@@ -44,7 +45,7 @@ def test_why_an_interface_cannot_be_opened(monkeypatch, error, words):
     def refuse(*arguments):
         raise error
 
-    monkeypatch.setattr(can_bus, "QuickSocketCan", refuse)
+    monkeypatch.setattr(opening, "QuickSocketCan", refuse)
     with pytest.raises(BusError) as raised:
         open_bus(CAN0)
     assert str(raised.value).startswith(f"CAN bus main (socketcan, channel can0): {words}")
@@ -61,7 +62,7 @@ def test_an_interface_that_is_down_is_named(monkeypatch):
             self.closed = True
 
     down = Down()
-    monkeypatch.setattr(can_bus, "QuickSocketCan", lambda *arguments: down)
+    monkeypatch.setattr(opening, "QuickSocketCan", lambda *arguments: down)
     with pytest.raises(
         BusError, match="the interface is down; `ip link set can0 up type can bitrate 1000000`"
     ):

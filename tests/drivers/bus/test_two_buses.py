@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from cspr_drivers.bus.bus_load import require_fitting_load
-from cspr_drivers.bus.can_bus import open_ports
+from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import ConfigurationError

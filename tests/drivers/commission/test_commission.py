@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cspr_drivers.bus.can_bus import open_ports
+from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, FindingsFile, WinchFindings
 from cspr_drivers.commission.found_devices import FoundDevice
@@ -439,7 +439,7 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
     answers.write_text("home: yes\nwrite: no\n")
     before = rig.path.read_text()
     assert main(arguments) == 1
-    assert "can.yaml is as it was; what was found is kept in" in capsys.readouterr().err
+    assert "can.yaml is unchanged; the findings are kept in" in capsys.readouterr().err
     assert rig.path.read_text() == before
     answers.write_text("write: yes\n")
     assert main(arguments) == 0

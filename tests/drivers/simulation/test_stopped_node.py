@@ -6,7 +6,7 @@ from pathlib import Path
 
 import can
 
-from cspr_drivers.bus.can_bus import open_ports
+from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.config.can_config import BusConfig, CanConfig
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.simulation.robot_emulator import RobotEmulator

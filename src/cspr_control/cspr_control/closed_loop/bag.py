@@ -9,11 +9,9 @@ from typing import Any
 from cspr_control.closed_loop.loop import ClosedLoop
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.bag.bag_file import BagFile
-from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.bag.recording_information import recording_information
-from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.bag.sample_bag import SampleBag
 from cspr_msgs_py.topics import Topic
-from cspr_msgs_py.wire.topic_codecs import TopicCodec, topic_codec
 
 
 class LoopBag:
@@ -38,16 +36,15 @@ class LoopBag:
 
     def __init__(self, directory: Path, scenario: Scenario, loop: ClosedLoop[Any]) -> None:
         self._time = loop.time
-        self._m = loop.robot.number_of_cables
-        self._topics: dict[str, tuple[int, TopicCodec]] = {}
         start = loop.time.system_ns()
         started = datetime.fromtimestamp(start * 1e-9, UTC)
-        self._bag = BagFile(
+        bag = BagFile(
             directory,
             recording_information(started, 1.0 / loop.settings.period) | {"simulated": scenario.label},
             scenario.attachments(),
             start_ns=start,
         )
+        self._bag = SampleBag(bag, loop.robot.number_of_cables)
         loop.listeners.append(self._write)
 
     def __enter__(self) -> LoopBag:
@@ -57,12 +54,4 @@ class LoopBag:
         self._bag.close()
 
     def _write(self, topic: Topic, sample: Any) -> None:
-        known = self._topics.get(topic.name)
-        if known is None:
-            qos = OfferedQos("keep_last", topic.depth, topic.reliability.value, topic.durability.value)
-            recorded = RecordedTopic(topic.name, topic.type, message_definition(topic.type), (qos,))
-            known = self._bag.add_topic(recorded), topic_codec(topic, self._m)
-            self._topics[topic.name] = known
-        number, codec = known
-        now = self._time.system_ns()
-        self._bag.add_message(number, now, now, codec.encode(sample))
+        self._bag.write(topic, self._time.system_ns(), sample)

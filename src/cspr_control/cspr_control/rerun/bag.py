@@ -7,11 +7,10 @@ from pathlib import Path
 
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
-from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.bag.reader import Inertias, JointStates
+from cspr_msgs_py.bag.sample_bag import SampleBag
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import InertiaSample
-from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 _RULE = "=" * 80
 _HEADER = f"{_RULE}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
@@ -52,39 +51,26 @@ def write_rerun(
     cspr_msgs_py.errors.BagError
         If it exists already or cannot be written.
     """
-    messages: list[tuple[int, topics.Topic, bytes]] = []
+    samples: list[tuple[int, topics.Topic, InertiaSample | JointStateSample]] = []
+    m = 0
     if payloads is not None:
-        encode = topic_codec(topics.PAYLOAD, 0).encode
         columns = (payloads.time_ns.tolist(), payloads.mass.tolist(), payloads.center_of_mass)
-        messages += [
-            (time, topics.PAYLOAD, encode(InertiaSample(*values)))
+        samples += [
+            (time, topics.PAYLOAD, InertiaSample(*values))
             for time, *values in zip(payloads.log_time_ns.tolist(), *columns, strict=True)
         ]
     if setpoints is not None:
-        encode = topic_codec(topics.SETPOINT, len(setpoints.names)).encode
-        fields = (setpoints.position, setpoints.velocity, setpoints.effort)
-        messages += [
-            (time, topics.SETPOINT, encode(JointStateSample(*values)))
-            for time, *values in zip(
-                setpoints.log_time_ns.tolist(), setpoints.time_ns.tolist(), *fields, strict=True
-            )
+        m = len(setpoints.names)
+        fields = (setpoints.time_ns.tolist(), setpoints.position, setpoints.velocity, setpoints.effort)
+        samples += [
+            (time, topics.SETPOINT, JointStateSample(*values))
+            for time, *values in zip(setpoints.log_time_ns.tolist(), *fields, strict=True)
         ]
-    messages.sort(key=lambda message: message[0])
-    start = messages[0][0] if messages else 0
+    samples.sort(key=lambda sample: sample[0])
+    start = samples[0][0] if samples else 0
     attachments = [Attachment(name, data) for name, data in sorted(files.items())]
-    bag = BagFile(directory, information, attachments, start_ns=start)
-    indices = {
-        topic: bag.add_topic(
-            RecordedTopic(
-                topic.name,
-                topic.type,
-                DEFINITIONS[topic.type],
-                (OfferedQos("keep_last", topic.depth, topic.reliability.value, topic.durability.value),),
-            )
-        )
-        for topic, present in ((topics.PAYLOAD, payloads), (topics.SETPOINT, setpoints))
-        if present is not None
-    }
-    for time, topic, data in messages:
-        bag.add_message(indices[topic], time, time, data)
+    file = BagFile(directory, information, attachments, start_ns=start)
+    bag = SampleBag(file, m, DEFINITIONS.__getitem__)
+    for time, topic, sample in samples:
+        bag.write(topic, time, sample)
     bag.close()

@@ -15,12 +15,12 @@ from cspr_control.rerun.rerun import Schedule
 from cspr_kinematics import Robot
 from cspr_kinematics.configuration.yaml_file import parse_yaml
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.parameter_events import TOPIC as PARAMETER_EVENTS
-from cspr_msgs_py.bag.parameter_events import ParameterEvent, decode_parameter_event
 from cspr_msgs_py.bag.reader import Bag, Inertias, JointStates, Poses, References
 from cspr_msgs_py.errors import BagError, ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import parameter_values
+from cspr_msgs_py.wire.parameter_events import TOPIC as PARAMETER_EVENTS
+from cspr_msgs_py.wire.parameter_events import ParameterEvent, decode_parameter_event
 
 CONTROL_FILE = "control.yaml"
 ROBOT_FILE = "robot.yaml"

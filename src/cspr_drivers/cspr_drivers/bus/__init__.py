@@ -1,1 +1,1 @@
-"""CAN buses: ports, SocketCAN, load."""
+"""CAN buses: ports, virtual bus, SocketCAN, load."""

@@ -7,19 +7,16 @@ import logging
 import math
 import struct
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from queue import SimpleQueue
 
 import can
 import canopen
-from can.interfaces.virtual import VirtualBus
 
-from cspr_drivers.bus.socketcan_bus import GONE, QuickSocketCan, error_frame_text, is_bus_off
-from cspr_drivers.canopen.frame_table import NMT_COB_ID, SYNC_COB_ID, FunctionCode, cob_id
+from cspr_drivers.bus.socketcan_bus import GONE, error_frame_text, is_bus_off
+from cspr_drivers.canopen.frame_table import SYNC_COB_ID
 from cspr_drivers.clock import COMPUTER, Clock
-from cspr_drivers.config.can_config import BusConfig, CanConfig
-from cspr_drivers.errors import BusError, FrameError
+from cspr_drivers.errors import FrameError
 
 FrameHandler = Callable[[bytes | bytearray, float], None]
 SyncHandler = Callable[[float, int], None]
@@ -28,21 +25,10 @@ SyncHandler = Callable[[float, int], None]
 for library in ("can", "canopen"):
     logging.getLogger(library).addHandler(logging.NullHandler())
 
-_OPEN_PROBLEMS = {
-    errno.ENODEV: "there is no such interface; `ip link` lists them",
-    errno.ENETDOWN: "the interface is down; `ip link set {channel} up type can bitrate {bitrate}` starts it",
-    errno.EBUSY: "the interface is in use by another program",
-    errno.EPERM: "this user may not use the interface",
-    errno.EACCES: "this user may not use the interface",
-    errno.EAFNOSUPPORT: "this kernel has no CAN support; `modprobe can_raw` loads it",
-    errno.EPROTONOSUPPORT: "this kernel has no CAN support; `modprobe can_raw` loads it",
-}
-
-
 # The queue of the interface is full (txqueuelen), or the buffer of the socket is.
 _NO_ROOM = (errno.ENOBUFS, errno.EAGAIN)
 _RETRY_INTERVAL = 200e-6  # s; some two frames on a bus of 1 Mbit/s
-# The interface is down, or there is none any more.
+# The interface is down, or it is gone.
 _NO_INTERFACE = (errno.ENETDOWN, *GONE)
 
 
@@ -64,79 +50,6 @@ class CyclicFrame(can.Message):  # type: ignore[misc]  # python-can's classes co
         """Replace the data."""
         self.data = data
         self.dlc = len(data)
-
-
-def copied_frame(frame: can.Message) -> can.Message:
-    """Return a copy of a frame, with data that its sender does not change."""
-    # One by one: a constructor call or a loop over the attributes costs several times as much, for each frame.
-    copy = can.Message.__new__(can.Message)
-    copy.timestamp = frame.timestamp
-    copy.arbitration_id = frame.arbitration_id
-    copy.is_extended_id = frame.is_extended_id
-    copy.is_remote_frame = frame.is_remote_frame
-    copy.is_error_frame = frame.is_error_frame
-    copy.channel = frame.channel
-    copy.dlc = frame.dlc
-    copy.data = bytes(frame.data)
-    copy.is_fd = frame.is_fd
-    copy.is_rx = frame.is_rx
-    copy.bitrate_switch = frame.bitrate_switch
-    copy.error_state_indicator = frame.error_state_indicator
-    return copy
-
-
-class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
-    """python-can's virtual bus with a cheaper queue, or with none, and one cheap copy per frame for all receivers.
-
-    At some 6,000 frames a second in one interpreter, deep copies, the locks of `queue.Queue` and a change of thread
-    for each frame cost more than what is done with the frames.
-
-    Parameters
-    ----------
-    channel
-        Name of the channel; ends with the same name are connected, python-can's own among them.
-    clock
-        Clock of the machine, by which frames are stamped.
-    """
-
-    def __init__(self, channel: str, clock: Clock = COMPUTER) -> None:
-        super().__init__(channel=channel)
-        self._clock = clock
-        self.queue: SimpleQueue[can.Message] | _Delivery = self.queue
-        self._replace_queue(SimpleQueue())
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put a frame on the bus; its receivers must not write into it."""
-        copy = copied_frame(msg)
-        copy.timestamp = self._clock.system()
-        self.pass_on(copy)
-
-    def pass_on(self, frame: can.Message) -> None:
-        """Give a frame, with the time stamp that it has, to all other ends; nobody writes into it any more."""
-        self._check_if_open()
-        frame.channel = self.channel_id
-        frame.is_rx = True
-        for queue in self.channel:
-            if queue is not self.queue:
-                queue.put(frame)
-
-    def deliver_to(self, handler: Callable[[can.Message], None]) -> None:
-        """Call `handler` with each frame from now on, in the thread of its sender and before `send` returns."""
-        self._replace_queue(_Delivery(handler))
-
-    def _replace_queue(self, replacement: SimpleQueue[can.Message] | _Delivery) -> None:
-        place = next(i for i, queue in enumerate(self.channel) if queue is self.queue)
-        self.queue = self.channel[place] = replacement
-
-
-class _Delivery:
-    """Replaces a receiver's queue and delivers at once."""
-
-    def __init__(self, handler: Callable[[can.Message], None]) -> None:
-        self._handler = handler
-
-    def put(self, message: can.Message, block: bool = True, timeout: float | None = None) -> None:
-        self._handler(message)
 
 
 class CanPort:
@@ -391,82 +304,3 @@ class CanPorts:
         """Close all buses."""
         for port in self._ports.values():
             port.close()
-
-
-def open_ports(config: CanConfig, clock: Clock = COMPUTER) -> CanPorts:
-    """Open all buses of a configuration, timed by a clock.
-
-    Raises
-    ------
-    BusError
-        If one cannot be opened; those already open are closed again.
-    """
-    ports: list[CanPort] = []
-    try:
-        for bus in config.buses:
-            known = _known_cob_ids(config, bus.name)
-            ports.append(CanPort(bus.name, open_bus(bus, known, clock), known, clock))
-    except BusError:
-        for port in ports:
-            port.close()
-        raise
-    return CanPorts(ports)
-
-
-def open_bus(
-    config: BusConfig, cob_ids: Collection[int] | None = None, clock: Clock = COMPUTER
-) -> can.BusABC:
-    """Open one bus with python-can.
-
-    Parameters
-    ----------
-    config
-        The bus.
-    cob_ids
-        COB-IDs of the frames that are wanted, where the interface has a filter; by default all.
-    clock
-        Clock of the machine, by which frames are stamped.
-
-    Raises
-    ------
-    BusError
-        In one line: which bus, and what to do about it.
-    """
-    place = f"CAN bus {config.name} ({config.interface}, channel {config.channel})"
-    if config.interface == "virtual":
-        return QuickVirtualBus(config.channel, clock)
-    try:
-        if config.interface == "socketcan":
-            bus = QuickSocketCan(config.channel, cob_ids, clock)
-        else:
-            bus = can.Bus(channel=config.channel, interface=config.interface, bitrate=config.bitrate)
-    except can.CanInterfaceNotImplementedError:
-        raise BusError(
-            f"{place}: python-can has no interface of this type, or its driver is missing"
-        ) from None
-    except (can.CanError, OSError, ValueError) as error:
-        raise BusError(f"{place}: {_open_problem(error, config)}") from None
-    try:
-        bus.recv(timeout=0.0)  # an interface that is down can be opened, but not read
-    except can.CanError as error:
-        bus.shutdown()
-        raise BusError(f"{place}: {_open_problem(error, config)}") from None
-    return bus
-
-
-def _open_problem(error: Exception, config: BusConfig) -> str:
-    codes = [getattr(error, "errno", None), getattr(error, "error_code", None)]
-    if error.__cause__ is not None:
-        codes.append(getattr(error.__cause__, "errno", None))
-    for code in codes:
-        if code in _OPEN_PROBLEMS:
-            return _OPEN_PROBLEMS[code].format(channel=config.channel, bitrate=config.bitrate)
-    return " ".join(str(error).split()) or type(error).__name__
-
-
-def _known_cob_ids(config: CanConfig, bus: str) -> set[int]:
-    """Return the COB-IDs that may be seen on a bus, whoever in this or another process handles them."""
-    nodes = [drive.node_id for drive in config.drives if drive.bus == bus]
-    nodes += [cell.node_id for cell in config.load_cells if cell.bus == bus]
-    known = {cob_id(function, node) for function in FunctionCode for node in nodes}
-    return known | {NMT_COB_ID, SYNC_COB_ID, cob_id(FunctionCode.HEARTBEAT, config.master_node_id)}

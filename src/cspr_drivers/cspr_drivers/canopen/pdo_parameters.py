@@ -83,6 +83,6 @@ def default_pdos(in_use: tuple[int, ...]) -> tuple[Parameter, ...]:
 
 
 def out_of_use(entry: Parameter, found: int) -> Setting:
-    """Return how a PDO is taken out of use whose COB-ID entry holds `found`: only bit 31 may change."""
+    """Return how to disable a PDO whose COB-ID entry holds `found`: only bit 31 may change."""
     write = Parameter(entry.index, entry.subindex, entry.bits, found | NOT_VALID, entry.meaning)
     return Setting((entry,), (write,))

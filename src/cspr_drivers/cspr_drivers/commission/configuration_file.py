@@ -1,4 +1,4 @@
-"""The new `can.yaml`: the old one with the entries of drives and load cells replaced, all else as it was."""
+"""The new `can.yaml`: the old one with only the entries of drives and load cells replaced."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class Findings:
     cells: dict[int, CellFindings] = field(default_factory=dict)
 
     def forget_missing(self, present: Iterable[FoundDevice]) -> list[FoundDevice]:
-        """Forget devices that are not on the bus any more; return them."""
+        """Forget devices that are no longer on the bus; return them."""
         found = set(present)
         gone: list[FoundDevice] = []
         for place, winch in list(self.winches.items()):

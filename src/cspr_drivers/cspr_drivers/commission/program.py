@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts, open_bus
+from cspr_drivers.bus.can_bus import CanPort, CanPorts
+from cspr_drivers.bus.opening import open_bus
 from cspr_drivers.commission.configuration_file import difference, new_text, write
 from cspr_drivers.commission.findings import Findings, FindingsFile
 from cspr_drivers.commission.found_devices import require_no_driver
@@ -137,7 +138,7 @@ def _write(
     else:
         questions.tell(changes)
         if not questions.yes("write", "   Write it?"):
-            raise WalkStoppedError(f"{path} is as it was; what was found is kept in {kept.path}")
+            raise WalkStoppedError(f"{path} is unchanged; the findings are kept in {kept.path}")
         questions.tell(f"   written; the old file is {write(path, new)}")
     kept.remove()
     return 0

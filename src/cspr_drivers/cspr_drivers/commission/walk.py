@@ -106,7 +106,7 @@ class Walk:
         for device in self._present:
             self._ask.tell(f"   {device}")
         for device in self._findings.forget_missing(self._present):
-            self._ask.tell(f"   not there any more, what was known about it is forgotten: {device}")
+            self._ask.tell(f"   no longer there, its findings are dropped: {device}")
         self._keep_commissioned()
         self._save(self._findings)
         wanted = len(self._places)

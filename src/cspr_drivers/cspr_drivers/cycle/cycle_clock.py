@@ -11,8 +11,8 @@ from cspr_drivers.clock import COMPUTER, Clock
 class CycleClock:
     """Calls `tick` once a period.
 
-    The moments lie on a fixed grid: a late call does not shift the later ones. Moments that have passed while
-    a call took too long are left out and counted; they are never made up for in a burst.
+    The moments lie on a fixed grid: a late call does not shift the later ones. Moments that pass while
+    a call takes too long are skipped and counted; they are not caught up in a burst.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ OPERATIONAL = 5  # and of one that takes part in the exchange of PDOs (section 7
 _NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
 
 _ATTEMPTS = (
-    2  # at a request that does no harm when the device has carried it out and only the answer was lost
+    2  # for a request that does no harm when the device has carried it out and only the answer was lost
 )
 
 # Abort codes with which a device says that it does not have an object (CiA 301, section 7.2.4.3.17).
@@ -33,7 +33,7 @@ _T = TypeVar("_T")
 
 
 class NmtCommand(Enum):
-    """NMT commands in use; the value is canopen's name of the state they lead to."""
+    """NMT commands in use; the value is canopen's name for the state they lead to."""
 
     START = "OPERATIONAL"
     ENTER_PRE_OPERATIONAL = "PRE-OPERATIONAL"
@@ -144,7 +144,7 @@ class CanopenDevice:
             self._compare(parameter, DeviceError)
 
     def identify(self, expected: Iterable[Parameter]) -> None:
-        """Check objects that tell one device from another.
+        """Check objects that distinguish one device from another.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class CanopenDevice:
             self._compare(parameter, WrongDeviceError)
 
     def differing(self, settings: Iterable[Setting]) -> list[Setting]:
-        """Return those settings of which not every object has its value already.
+        """Return the settings of which some object does not have its value yet.
 
         Raises
         ------
@@ -196,7 +196,7 @@ class CanopenDevice:
         Raises
         ------
         DeviceError
-            As `check`, if it does not come to have it.
+            As `check`, if it does not get that value in time.
         """
         deadline = self.clock.monotonic() + self._sdo_timeout
         while True:

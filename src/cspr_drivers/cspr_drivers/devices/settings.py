@@ -1,4 +1,4 @@
-"""What a device must have in its object dictionary to take part: objects to check and objects to set.
+"""What a device needs in its object dictionary to take part: objects to check and objects to set.
 
 Sources: CiA 301 (1000h, 1016h, 1017h, 1018h, 1029h, 1400h, 1600h, 1800h, 1A00h), CiA 402-2 / IEC 61800-7-201
 (6007h to 6502h), CiA 404 (6125h, 6131h, 6132h).
@@ -41,7 +41,7 @@ def identity_object(identity: Identity) -> tuple[Parameter, ...]:
 
 
 def drive_scale(drive: DriveConfig) -> tuple[Parameter, ...]:
-    """Return what must be found in a drive: a wrong scale would be a wrong torque."""
+    """Return what must be found in a drive: with a wrong scale its torque would be wrong."""
     units = drive.units
     torque_mode = cia402.SUPPORTS_CYCLIC_SYNCHRONOUS_TORQUE
     return (

@@ -1,6 +1,6 @@
 """Configuring devices in the background, again and again until each one answers.
 
-A wrong device is not asked again until one restarts at its place.
+A wrong device is not asked again until a device restarts in its place.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class SetupThread:
         self._thread = self._clock.start(self._run, "device set-up")
 
     def stop(self) -> None:
-        """End; return when the device at hand is finished."""
+        """Stop; returns when the present device is finished."""
         self._stopping.set()
         self._wake.put(None)
         if self._thread is not None and self._thread.is_alive():
@@ -109,7 +109,7 @@ class SetupThread:
                 self._report(str(error))
             return
         with self._lock:
-            # A restart reported meanwhile asks for one more round.
+            # A restart reported meanwhile calls for one more round.
             if self._requests[index] == request:
                 del self._problems[index]
         if self._reported.pop(index, None) is not None:

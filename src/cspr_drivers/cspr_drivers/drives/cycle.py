@@ -75,7 +75,7 @@ class DriveCycle:
     # Once a cycle.
 
     def wants_sync(self, now: float) -> bool:
-        """Return whether the next SYNC may go out, or is to be left out because answers to the last one may come.
+        """Return whether the next SYNC may go out; not while answers to the last one may still come.
 
         An answer that came after the next SYNC would be taken for the answer to that one: a position of the
         wrong moment, and a speed that is off by half or more. A drive that stays silent stops the robot later.
@@ -96,7 +96,7 @@ class DriveCycle:
         self._sync_stamp = stamp_ns
 
     def step(self, now: float) -> list[Frame]:
-        """Change the state as it follows; return heartbeats that are due, and control words to be sent (again)."""
+        """Update the state; return heartbeats that are due, and control words to be sent (again)."""
         frames: list[Frame] = []
         if now >= self._heartbeat_due:
             self._heartbeat_due = now + self.config.timeouts.heartbeat_producer
@@ -114,7 +114,7 @@ class DriveCycle:
     # What the drives send.
 
     def feedback(self, now: float, index: int, data: bytes | bytearray) -> MotorStates | None:
-        """Take the first frame of a drive; return the motor states when it was the last one missing.
+        """Process the first frame of a drive; return the motor states when it was the last one missing.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class DriveCycle:
         return self._answered(now, index)
 
     def velocity(self, now: float, index: int, data: bytes | bytearray) -> MotorStates | None:
-        """Take the second frame of a drive, which holds its velocity; else as `feedback`."""
+        """Process the second frame of a drive, which holds its velocity; otherwise as `feedback`."""
         (velocity,) = frame_table.DRIVE_TPDO2.decode(data)
         facts = self.facts[index]
         place = index + len(self.facts)
@@ -150,7 +150,7 @@ class DriveCycle:
         return states
 
     def inputs(self, now: float, index: int, data: bytes | bytearray) -> list[Frame]:
-        """Take the digital inputs of a drive, which come when they change; return the frames of a stop."""
+        """Process the digital inputs of a drive, sent when they change; return the frames of a stop, if any."""
         (inputs,) = frame_table.DRIVE_TPDO3.decode(data)
         entry = self.config.emergency_stop_input
         if entry is None:
@@ -159,7 +159,7 @@ class DriveCycle:
         return self._changed(now)
 
     def emergency(self, now: float, index: int, code: int, register: int, data: bytes) -> list[Frame]:
-        """Take an emergency message of a drive; return the frames of a stop."""
+        """Process an emergency message of a drive; return the frames of a stop, if any."""
         self.group.emergency(index, Emergency(code, register, data, now))
         return self._changed(now)
 
@@ -172,12 +172,12 @@ class DriveCycle:
         self.group.emergency_stop(index, facts.emergency_stop, now)
 
     def lost(self, now: float, index: int, reason: str) -> None:
-        """Note that a drive cannot be used any more; it may come back without what it was told."""
+        """Note that a drive is lost; when it comes back it may have forgotten what it was told."""
         self.group.lost(index, reason, now)
         self._rpdos[index].control_word = None
 
     def bus_failed(self, now: float, bus: str, problem: str) -> list[Frame]:
-        """Stop when a bus carries no frames any more, with that as the cause; what follows from it comes later."""
+        """Stop, with that as the cause, when a bus no longer carries frames: other faults will follow from it."""
         return self._stop(now, f"bus {bus}: {problem}")
 
     # Torque commands.
@@ -279,7 +279,7 @@ class DriveCycle:
         return self.quick_stop(now, cause) if self.group.state in IN_MOTION else []
 
     def _changed(self, now: float) -> list[Frame]:
-        """Return the control words that are others than before, and not those of drives that are there already."""
+        """Return the changed control words, except for drives that already are where they should be."""
         deadline = now + self.config.period
         words = zip(self._rpdos, self.group.control_words, strict=True)
         return [

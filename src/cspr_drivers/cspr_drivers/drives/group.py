@@ -1,4 +1,4 @@
-"""The m drives of the robot as one: enabled together, stopped together, with one latched cause.
+"""The m drives of the robot as a group: enabled together, stopped together, with one latched cause.
 
 The group watches status words, commands and silence, and answers with the control word of each drive. It
 sends nothing and reads no clock: times are arguments, in seconds of one monotonic clock.
@@ -59,8 +59,8 @@ class DriveGroup:
         self._running: frozenset[int] = frozenset()  # those that have been in operation
         self._releasing = False
         self._resetting: frozenset[int] = frozenset()  # drives whose fault is being reset
-        self._clearing = False  # whether the latched cause goes with them
-        self._not_stopped: frozenset[int] = frozenset()  # drives said to be late with their stop
+        self._clearing = False  # whether the latched cause is cleared with them
+        self._not_stopped: frozenset[int] = frozenset()  # drives reported as late with their stop
         self._words = [int(Command.DISABLE_VOLTAGE)] * len(self._drives)
 
     # What is observed.
@@ -77,7 +77,7 @@ class DriveGroup:
             self._latch(f"{self._drives[index].name}: {reason}", time)
 
     def feedback(self, index: int, status_word: int, time: float) -> None:
-        """Take the status word of a drive.
+        """Process the status word of a drive.
 
         Raises
         ------
@@ -95,14 +95,14 @@ class DriveGroup:
         self._heard[index] = time
 
     def emergency(self, index: int, message: Emergency) -> None:
-        """Take an emergency message of a drive; an error in motion is a fault."""
+        """Process an emergency message of a drive; in motion an error is a fault."""
         drive = self._drives[index]
         self._drives[index] = replace(drive, errors=after(drive.errors, message))
         if self._state in IN_MOTION and is_error(message.code):
             self._latch(f"{drive.name} reports {message.text}", message.time)
 
     def emergency_stop(self, index: int, active: bool, time: float) -> None:
-        """Take the state of a drive's input for the emergency stop; in motion it is a fault."""
+        """Process the state of a drive's emergency stop input; when active in motion it is a fault."""
         drive = self._drives[index]
         self._drives[index] = replace(drive, emergency_stop=active)
         if not active:
@@ -143,7 +143,7 @@ class DriveGroup:
         return None
 
     def disable(self, time: float, index: int | None = None) -> None:
-        """Begin to close the brakes, of all drives or of one. Without effect unless in motion."""
+        """Begin to close the brakes, of all drives or of one. Has no effect unless in motion."""
         if self._state not in (DriverState.ENABLING, DriverState.ENABLED):
             return
         remaining = frozenset() if index is None else self._members - {index}
@@ -325,13 +325,13 @@ class DriveGroup:
         return "its brake is open" if drive.brake_open else ""
 
     def _trouble(self, time: float) -> str:
-        """Return what makes going on impossible, or an empty text."""
+        """Return why the drives cannot go on, or an empty text."""
         for index, drive in enumerate(self._drives):
             if drive.state in _FAULTY:
                 return drive.describe()
             if self._silent(index, time):
                 return f"{self._silent_ones(time)}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
-        # The torque stays what it was until the brakes hold: commands to drives that stop are not needed any more.
+        # The torque stays what it was until the brakes hold: drives that stop need no more commands.
         if stale := self._without_command(time, self._members):
             limit = 1e3 * self._timeouts.command
             return f"no torque command within {limit:.0f} ms for {', '.join(stale)}"

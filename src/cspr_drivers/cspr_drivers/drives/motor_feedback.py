@@ -49,14 +49,14 @@ class MotorFeedback:
         return values[status], values[position], values[torque]
 
     def measured(self, index: int, position: int, torque: int) -> float:
-        """Take position and torque value of a drive; return its torque, N m."""
+        """Store position and torque value of a drive; return its torque, N m."""
         units = self._drives[index].units
         self.angles[index] = units.angle(position)
         self._torques[index] = measured = units.torque(torque)
         return measured
 
     def moves(self, index: int, velocity: float) -> None:
-        """Take the velocity of a drive, rad/s as its encoder counts."""
+        """Store the velocity of a drive, rad/s, with the sign of its encoder."""
         self._speeds[index] = self._drives[index].units.polarity * velocity
 
     def states(self, stamp_ns: int, time: float) -> MotorStates | None:

@@ -57,7 +57,7 @@ class LoadCellCycle:
         self.tensions.sync(stamp_ns)
 
     def measured(self, now: float, index: int, data: bytes | bytearray) -> CompleteTensions | None:
-        """Take the frame of a cell; return all tensions when it was the last one missing.
+        """Process the frame of a cell; return all tensions when it was the last one missing.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class LoadCellCycle:
         self._spans[index] = (-math.inf if low is None else low, math.inf if high is None else high)
 
     def emergency(self, index: int, message: Emergency) -> None:
-        """Take an emergency message of a cell."""
+        """Process an emergency message of a cell."""
         self.errors[index] = after(self.errors[index], message)
 
     def problems(self, now: float, not_configured: Mapping[str, str]) -> dict[str, str]:

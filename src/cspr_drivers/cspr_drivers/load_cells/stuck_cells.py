@@ -6,14 +6,14 @@ from cspr_drivers.config.can_file import LoadCellChecks
 
 
 class StuckCells:
-    """Since when each cell has not changed, and what the others showed then.
+    """Since when each cell has not changed, and what the other cells showed at that moment.
 
     Parameters
     ----------
     count
         Number of cells (m).
     checks
-        Time and change of tension that are wanted.
+        Time without change, and change of the other tensions, after which a cell is stuck.
     """
 
     def __init__(self, count: int, checks: LoadCellChecks) -> None:
@@ -29,7 +29,7 @@ class StuckCells:
         return self._stuck
 
     def observe(self, time: float, tensions: tuple[float, ...]) -> None:
-        """Take the tensions (m,), N, of one SYNC at a time, s."""
+        """Process the tensions (m,), N, of one SYNC at a time, s."""
         last, self._last = self._last, tensions
         for index, (now, before) in enumerate(zip(tensions, last, strict=True)):
             if now != before:

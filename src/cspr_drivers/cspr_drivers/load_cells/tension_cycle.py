@@ -1,4 +1,4 @@
-"""Bookkeeping of the load cells: all tensions of one SYNC together; what is missing is never made up."""
+"""Bookkeeping of the load cells: all tensions of one SYNC together; a missing value is never filled in."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class TensionCycle:
         self._count = 0
 
     def measured(self, index: int, tension: float, problem: str) -> CompleteTensions | None:
-        """Take the value of a cell; return all tensions when it was the last one missing.
+        """Process the value of a cell; return all tensions when it was the last one missing.
 
         Parameters
         ----------

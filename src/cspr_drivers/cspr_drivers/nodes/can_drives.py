@@ -32,7 +32,7 @@ from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 from cspr_msgs_py.wire.samples import Status, StatusArray
 
-# Threads of a driver wait for each other for microseconds; Python's 5 ms are longer than a cycle.
+# Threads of a driver hold the interpreter for microseconds; Python's default of 5 ms is longer than a cycle.
 SWITCH_INTERVAL = 0.0001  # s
 
 STATE_PERIOD = 0.02  # s; how soon a change of state is on /drive_states

@@ -36,7 +36,7 @@ def drive_states(report: DriveReport) -> list[Status]:
 
 
 def _milliseconds(age: float) -> str:
-    """Return an age in words for diagnostics; empty when nothing was ever heard."""
+    """Return an age as text for diagnostics; empty before the first frame."""
     return f"{1e3 * age:.1f}" if math.isfinite(age) else ""
 
 
@@ -124,7 +124,7 @@ def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[
     if report.not_configured:
         problem = "not configured: " + ", ".join(report.not_configured)
     elif report.sync_age is None or report.sync_age > NO_SYNC:
-        problem = "no SYNC on the bus: can_drives sends it"
+        problem = "no SYNC on the bus: is can_drives running?"
     else:
         problem = "; ".join(f"{name} {why}" for name, why in (statistics.problems | report.problems).items())
     statuses = [Status.of("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)]

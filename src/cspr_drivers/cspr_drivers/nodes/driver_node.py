@@ -55,7 +55,7 @@ class DriverNode(LifecycleNode):
         self._autostart = declare(self, AUTOSTART)
         self._ports: CanPorts | None = None
         self._error: Exception | None = None
-        self._starting = False  # then what goes wrong ends the process, and is said there
+        self._starting = False  # a failure then ends the process, which reports it
 
     def autostart(self) -> None:
         """Configure and activate, if the parameter says so.
@@ -63,7 +63,7 @@ class DriverNode(LifecycleNode):
         Raises
         ------
         Exception
-            What made that impossible.
+            Why that failed.
         """
         if not self._autostart:
             return
@@ -88,7 +88,7 @@ class DriverNode(LifecycleNode):
 
     @abstractmethod
     def end(self) -> None:
-        """Bring the devices to rest and leave the buses. Called once or more."""
+        """Bring the devices to rest and leave the buses. May be called more than once."""
 
     def disarm(self) -> None:
         """Bring the devices to rest; they stay on the buses."""

@@ -1,4 +1,4 @@
-"""Executable ``simulated_robot``: both drivers on virtual buses, with emulated devices and a plant at them."""
+"""Executable ``simulated_robot``: both drivers on virtual buses, with emulated devices and a simulated plant."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class SimulatedRobot(Node):
     Attributes
     ----------
     config
-        `can.yaml`, with the buses on which the devices are.
+        `can.yaml`, with the buses that the devices are on.
     clock
         Clock of the machine.
     """
@@ -163,7 +163,7 @@ def on_virtual_buses(config: CanConfig) -> CanConfig:
 
 
 def create_nodes(**options: Any) -> list[Node]:
-    """Return the drivers' nodes and, last to be destroyed, the one that owns what is behind them."""
+    """Return the drivers' nodes and, destroyed last, the one that owns the simulated machine."""
     simulated = SimulatedRobot(**options)
     drives = CanDrives(simulated.config, clock=simulated.clock, **options)
     return [drives, LoadCells(simulated.config, drives.shared_ports, **options), simulated]
@@ -180,7 +180,7 @@ def _plant(simulation: SimulationConfig) -> PlantModel:
 
 
 def main() -> int:
-    """Run the drivers and what they drive in one process."""
+    """Run the drivers and the simulated machine in one process."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run_nodes(create_nodes)
 

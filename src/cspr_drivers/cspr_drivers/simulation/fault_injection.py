@@ -94,7 +94,7 @@ _MEANINGS = {
     InjectedFault.BRAKE_WEAK: "the brake holds a twentieth of its torque from the next time it closes",
     InjectedFault.LOAD_CELL_SILENT: "its amplifier is unplugged",
     InjectedFault.LOAD_CELL_SATURATED: "its amplifier reports overload",
-    InjectedFault.LOAD_CELL_STUCK: "its value does not change any more",
+    InjectedFault.LOAD_CELL_STUCK: "its value no longer changes",
     InjectedFault.LOAD_CELL_DRIFTING: f"its zero drifts by {_DRIFT:g} N a second",
     InjectedFault.CABLE_SLACK: f"{1e3 * _SLACK:g} mm of cable slip off the drum",
     InjectedFault.BUS_CUT: "its cable is cut: no frame passes",

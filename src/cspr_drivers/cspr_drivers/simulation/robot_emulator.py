@@ -13,7 +13,8 @@ from types import TracebackType
 import can
 import canopen
 
-from cspr_drivers.bus.can_bus import QuickVirtualBus, open_bus
+from cspr_drivers.bus.opening import open_bus
+from cspr_drivers.bus.virtual_bus import QuickVirtualBus
 from cspr_drivers.canopen.frame_table import SYNC_COB_ID
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
@@ -34,18 +35,18 @@ LOAD_CELL_EDS = "cia404_load_cell.eds"
 # often while a brake moves.
 _TICK = 0.005
 _IDLE_TICK = 0.02
-_LATE = 0.02  # s by which the thread may be late before silence of the master proves nothing
-# Between SYNCs the plant follows the clock at this distance, so that it never overtakes a SYNC still unread,
-# whose time stamp says for when the devices have to measure.
+_LATE = 0.02  # s; when the thread is later than this, silence of the master proves nothing
+# Between SYNCs the plant follows the clock at this distance, so that it never overtakes an unread SYNC, whose
+# time stamp says when the devices have to measure.
 _PLANT_LAG = 0.03  # s
-# s after which a SYNC is not answered any more: devices do not have yesterday's SYNC in a queue, and answering
-# would keep a computer that was held up busy with the past.
+# s after which a SYNC is no longer answered: devices do not keep old SYNCs in a queue, and answering them
+# would keep a computer that was held up from catching up.
 _STALE = 0.05
 _LONGEST_CLOSING = 0.1  # s until the receiving thread of a bus sees that it has to end
 
 
 class RobotEmulator:
-    """The devices of `can.yaml`, on its buses as they are: virtual, or SocketCAN for a driver elsewhere.
+    """The devices of `can.yaml`, on the buses that it names: virtual, or SocketCAN for a driver in another process.
 
     Each bus has one interface and one canopen network for all of its devices. They measure at the time stamp
     of each SYNC; in between, a thread looks after heartbeats, time-outs and brakes.
@@ -72,7 +73,7 @@ class RobotEmulator:
     drives, load_cells
         The devices, in the order of the cables.
     missed_syncs
-        SYNCs that were not answered because they came to be seen too late.
+        SYNCs that were not answered because they were read too late.
 
     Raises
     ------
@@ -285,7 +286,7 @@ class RobotEmulator:
                     return  # the plant failed, and `failure` says why
 
     def _tick_after_sync(self, time: float) -> None:
-        """Look at time-outs and brakes; of all that was sent before a SYNC nothing is unread any more."""
+        """Look at time-outs and brakes; everything that was sent before the SYNC has been read."""
         if time - self._last_tick >= _TICK:
             self._tick(time, supervise=True)
 

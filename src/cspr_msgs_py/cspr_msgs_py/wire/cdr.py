@@ -234,10 +234,6 @@ class Scanner:
         """Read a Time or Duration, ns."""
         return unpack_time(self._take(8, alignment=4), 0)
 
-    def skip_time(self) -> None:
-        """Pass over a Time or Duration."""
-        self._take(8, alignment=4)
-
     def skip_doubles(self) -> int:
         """Pass over a sequence of doubles and return its length."""
         count = self.count()

@@ -190,7 +190,7 @@ class JointStateCodec:
             If it is not a whole JointState in little-endian CDR with as many values as names.
         """
         scanner = Scanner(buffer)
-        scanner.skip_time()
+        scanner.time()
         frame_id = scanner.string()
         names = [scanner.string() for _ in range(scanner.count())]
         lengths = [scanner.skip_doubles() for _ in FIELDS]

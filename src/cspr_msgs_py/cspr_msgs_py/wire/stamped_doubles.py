@@ -34,7 +34,7 @@ class StampedDoublesCodec:
             If it is not a header and `number` doubles in little-endian CDR.
         """
         scanner = Scanner(buffer)
-        scanner.skip_time()
+        scanner.time()
         codec = cls(scanner.string(), number)
         if not codec.matches(buffer):
             raise ValueError(f"{len(buffer)} bytes are not a header and {number} doubles")

@@ -5,7 +5,7 @@ import uuid
 import can
 import pytest
 
-from cspr_drivers.bus.can_bus import QuickVirtualBus
+from cspr_drivers.bus.virtual_bus import QuickVirtualBus
 from cspr_drivers.simulation.bus.bus_timing import BABBLING_COB_ID, BusDisturbance
 from cspr_drivers.simulation.bus.timed_bus import TimedBus
 

@@ -30,13 +30,13 @@ _ERROR_FRAME_BITS = 23  # active error flag, echo, delimiter and interframe spac
 
 
 class BusDisturbance(Enum):
-    """What keeps frames from passing."""
+    """What keeps frames from getting through."""
 
     NONE = auto()
     CUT = auto()  # frames wait forever
-    OFF = auto()  # the driver's controller has left the bus, and said so; what it is given is lost
+    OFF = auto()  # the driver's controller has left the bus, and said so; what it is given to send is lost
     DOWN = auto()  # the driver's interface is down and refuses frames
-    REMOVED = auto()  # the driver has no interface any more
+    REMOVED = auto()  # the driver's interface is gone
     BABBLING = auto()  # a node sends without a pause
     ERROR_FRAMES = auto()  # every frame is destroyed; its sender gives it up
 
@@ -51,7 +51,7 @@ class Disturbable(Protocol):
     """A bus on which things can go wrong."""
 
     def disturb(self, disturbance: BusDisturbance) -> None:
-        """Let something disturb the bus from now on, or no longer."""
+        """Set what disturbs the bus from now on."""
 
 
 class Passed(NamedTuple):
@@ -118,7 +118,7 @@ class BusTiming:
             self._begin(self._start)
 
     def disturb(self, disturbance: BusDisturbance) -> None:
-        """Let something disturb the bus, or no longer, from the time on for which it was last looked at."""
+        """Set what disturbs the bus from the time of the last look at it on."""
         self._free = max(self._free, self._looked_at)
         self._withdraw()
         self._disturbance = disturbance

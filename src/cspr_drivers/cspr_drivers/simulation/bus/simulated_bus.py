@@ -8,7 +8,8 @@ from collections.abc import Callable
 import can
 import canopen
 
-from cspr_drivers.bus.can_bus import CanPort, copied_frame
+from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.bus.virtual_bus import copied_frame
 from cspr_drivers.canopen.frame_table import SYNC_COB_ID
 from cspr_drivers.clock import Clock
 from cspr_drivers.simulation.bus.bus_timing import DRIVER, BusTiming

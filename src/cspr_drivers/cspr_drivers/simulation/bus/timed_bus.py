@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import can
 
-from cspr_drivers.bus.can_bus import QuickVirtualBus, copied_frame
+from cspr_drivers.bus.virtual_bus import QuickVirtualBus, copied_frame
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.simulation.bus.bus_timing import DRIVER, BusDisturbance, BusTiming
 
@@ -65,12 +65,12 @@ class TimedBus:
         if self._direct:
             self._end.send(message)
             return
-        # What devices answer to a frame they send as it is through, however long this computer took to say so.
+        # Devices send their answer at the moment the frame was through, however late this computer delivers it.
         on_time = self._moment is not None and threading.current_thread() is self._thread
         self._offer(copied_frame(message), message.arbitration_id, self._moment if on_time else None)
 
     def disturb(self, disturbance: BusDisturbance) -> None:
-        """Let something disturb the bus from now on, or no longer."""
+        """Set what disturbs the bus from now on."""
         with self._changed:
             self._timing.passed(self._clock.monotonic())
             self._timing.disturb(disturbance)

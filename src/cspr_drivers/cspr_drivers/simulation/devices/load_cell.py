@@ -85,7 +85,7 @@ class LoadCellEmulator(EmulatedNode):
         }
 
     def drift(self, rate: float) -> None:
-        """Let the zero of the cell drift from now on, N/s; 0 ends it and takes it back (an injected fault)."""
+        """Let the zero of the cell drift from now on, N/s; 0 ends and undoes it (an injected fault)."""
         self._drift_rate = rate
         self._drift_since = self._machine.time
 

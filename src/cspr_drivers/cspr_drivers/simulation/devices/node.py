@@ -216,7 +216,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
     def _send(self, can_id: int, data: bytes) -> None:
         if self.disconnected:
             return
-        # A device whose bus takes no frames loses them; it does not stop for that.
+        # A device whose bus takes no frames loses them, but does not stop.
         with contextlib.suppress(can.CanError):
             self.network.send_message(can_id, data)
 
@@ -297,7 +297,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             with network.send_lock:
                 network.bus.send(message)
         except can.CanError:
-            return  # as on a real bus: a frame that nobody takes is lost, and its producer goes on
+            return  # as on a real bus: a frame that nobody takes is lost, and its producer carries on
 
     # Time
 
@@ -357,7 +357,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             self._send_emergency(code)
 
     def errors_over(self) -> None:
-        """Report that no error is present any more."""
+        """Report that no error is present."""
         if self._errors.over():
             self._send_emergency(EmergencyCode.NO_ERROR)
 

@@ -173,7 +173,7 @@ class Plant:
         self._brake_share[index] = share
 
     def slip_cable(self, index: int, length: float) -> None:
-        """Let a cable slip on its drum: so much more of it, m, is paid out at the same motor angle."""
+        """Let a cable slip on its drum: a length of it, m, is paid out without turning the motor."""
         self._free_lengths_at_home[index] += length
 
     def catch_platform(self, caught: bool) -> None:

@@ -71,7 +71,7 @@ class PlantModel(Protocol):
         ...
 
     def slip_cable(self, index: int, length: float) -> None:
-        """Let so much more of a cable, m, be paid out at the same motor angle."""
+        """Pay out a length of cable, m, without turning the motor."""
         ...
 
     def catch_platform(self, caught: bool) -> None:

@@ -40,7 +40,7 @@ def decode_parameter_event(buffer: Bytes) -> ParameterEvent:
         If the bytes are not a ParameterEvent in little-endian CDR.
     """
     scanner = Scanner(buffer)
-    scanner.skip_time()
+    scanner.time()
     node = scanner.string().strip("/")
     declared, changed, _deleted = (
         dict(_parameter(scanner) for _ in range(scanner.count())) for _ in range(3)

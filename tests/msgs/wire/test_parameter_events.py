@@ -4,7 +4,7 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rclpy.serialization import serialize_message
 
-from cspr_msgs_py.bag.parameter_events import TYPE, decode_parameter_event
+from cspr_msgs_py.wire.parameter_events import TYPE, decode_parameter_event
 
 VALUES = {
     "flag": (True, ParameterType.PARAMETER_BOOL, "bool_value"),
