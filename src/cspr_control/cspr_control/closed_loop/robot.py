@@ -45,7 +45,7 @@ from cspr_msgs_py.topics import (
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import Status, StatusArray
 
-TICK = 0.002  # s between two looks of a device at its time-outs and its brake
+TICK = 0.004  # s between two looks of a device at its time-outs and its brake
 _STATE_PERIOD = 0.02  # s; how soon a change of state is published
 _WATCH_PERIOD = 0.5  # s; how often the heartbeats of the load cells are looked at
 _PLANT_LAG = 0.01  # s; at this distance the plant follows time where no SYNC moves it on
