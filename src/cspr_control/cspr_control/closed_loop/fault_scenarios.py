@@ -49,6 +49,8 @@ class FaultScenario:
         Ends it, before the operator resets.
     onset
         What makes it a fault, where that takes a while from `begin` on; time and height count from then.
+    towards
+        Where a robot that moves goes along x, -1 or 1, if it matters: for what happens then, and so for its cause.
     moving, held
         Whether it can happen to a robot that moves, and to one that is held still.
     lasts
@@ -64,6 +66,7 @@ class FaultScenario:
     cause: str
     end: Callable[[RobotLoop], None] = lambda loop: loop.machine.faults.clear()
     onset: Callable[[RobotLoop], bool] = lambda loop: True
+    towards: float | None = None
     moving: bool = True
     held: bool = True
     lasts: float = 2.0
@@ -210,6 +213,7 @@ SCENARIOS = (
         _inject(InjectedFault.WINCH_BLOCKED),
         "motor_3",
         _wind_back,
+        towards=-1.0,
         held=False,
         harms_tension=True,
         rest=2.0,
@@ -302,7 +306,7 @@ def run(loop: RobotLoop, scenario: FaultScenario, moving: bool = False) -> Outco
     """
     robot, plant, time = loop.machine, loop.machine.plant, loop.time
     if moving:
-        _move(loop)
+        _move(loop, scenario.towards)
     heights: list[float] = []
     tensions: list[float] = []
     states: list[RobotState] = []
@@ -367,9 +371,14 @@ def _wait_until_set_up(loop: RobotLoop) -> None:
     loop.wait_until(lambda: not waiting(), 10.0, lambda: f"devices are not set up: {waiting()}")
 
 
-def _move(loop: RobotLoop) -> None:
+def _move(loop: RobotLoop, towards: float | None) -> None:
     """Bring the platform to full speed, level."""
     home = loop.robot.home  # level, whatever the faults before have left
+    here = loop.player.held_pose
+    if towards is not None and here is not None and here.position[0] * towards > -0.1:
+        start = home.position - np.array([0.4 * towards, 0.0, 0.0])
+        loop.play(lambda here: PointToPoint(here, Pose(start, home.rotation), loop.player.limits))
+        loop.wait_until(lambda: loop.player.phase.at_rest, 10.0, lambda: "the platform is still moving")
     loop.play(lambda here: PointToPoint(here, _across(here, 0.4, home), loop.player.limits))
     loop.time.wait(loop.player.dwell + 1.0)
 
