@@ -8,8 +8,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from cspr_control.analysis.numbers.run_summary import format_summary
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
@@ -20,8 +18,8 @@ from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import KinematicsError
 from cspr_msgs_py.errors import MessagesError, ParameterError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.parameters.table import TABLE, known_parameter
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.parameters.file import value_from_text
+from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 from cspr_msgs_py.vocabulary import Controller
 
 DESCRIPTION = """\
@@ -46,16 +44,7 @@ faults, each with the place that has it:
 def main(args: Sequence[str] | None = None) -> int:
     """Run a scenario; returns the exit status."""
     options = _parse(sys.argv[1:] if args is None else args)
-    try:
-        _run(options)
-    except KeyboardInterrupt:
-        print("closed_loop: interrupted", file=sys.stderr)
-        return 130
-    except (ControlError, KinematicsError, MessagesError, OSError) as error:
-        _show_progress("")
-        print(f"closed_loop: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return run_program("closed_loop", lambda: _run(options), (ControlError, KinematicsError, MessagesError))
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -76,9 +65,9 @@ def _run(options: argparse.Namespace) -> None:
         parameters=parameters,
     )
     record = run(
-        scenario, options.bag, lambda step, time: _show_progress(f"{scenario.label}: {time:5.1f} s  {step}")
+        scenario, options.bag, lambda step, time: show_progress(f"{scenario.label}: {time:5.1f} s  {step}")
     )
-    _show_progress("")
+    show_progress("")
     summary = record.summary(str(options.bag or ""))
     print(format_summary(summary))
     if record.cause:
@@ -93,20 +82,13 @@ def _run(options: argparse.Namespace) -> None:
         write_json(options.json, summary.as_mapping())
 
 
-def _show_progress(text: str) -> None:
-    """Show one live line on a terminal, nothing elsewhere; an empty text removes it."""
-    if sys.stderr.isatty():
-        sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
-
-
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     faults = [f"  {name:20}{place:20}{meaning}" for name, (place, meaning) in FAULTS.items()]
     parser = program_parser(
         "closed_loop", DESCRIPTION, EPILOG + "\n".join(faults), json="what summary.json holds"
     )
     add = parser.add_argument
-    add("--controller", choices=list(Controller), default="pdff-mass", help="default: %(default)s")
+    add("--controller", choices=list(Controller), default=Controller.PDFF_MASS, help="default: %(default)s")
     add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
     add(
         "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
@@ -165,11 +147,8 @@ def _parameter(text: str) -> tuple[str, str, object]:
             f"{text!r} is not of the form NODE.NAME=VALUE, such as feedforward.model=static"
         )
     try:
-        row = known_parameter(node, parameter)
-        if row is None:
-            raise ParameterError(f"there is no node {node}; there are {', '.join(TABLE)}")
-        return node, parameter, row.checked(yaml.safe_load(value))
-    except (ParameterError, yaml.YAMLError) as error:
+        return node, parameter, value_from_text(node, parameter, value)
+    except ParameterError as error:
         raise argparse.ArgumentTypeError(f"{text}: {error}") from error
 
 
