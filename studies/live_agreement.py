@@ -16,6 +16,7 @@ from cspr_control.errors import ControlError
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import SIMULATED_PAYLOAD
+from cspr_msgs_py.vocabulary import controller_label
 from studies.experiment import CONTROLLERS
 
 MEAN_TOLERANCE = 0.07  # of the mean RMS error
@@ -48,7 +49,7 @@ class LiveRun:
         """
         try:
             summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-            name = summary["controller"] + (" (exact mass)" if summary["exact_mass"] else "")
+            name = controller_label(summary["controller"], summary["exact_mass"])
             chosen = CONTROLLERS[name]
             trajectory = TrajectoryName(summary["trajectory"])
             latency = summary["command_latency_us"]["p50"] * 1e-6

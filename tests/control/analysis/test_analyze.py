@@ -63,7 +63,7 @@ def test_what_cannot_be_analysed_is_said_in_one_line(
     assert said == f"analyze: there is no bag {tmp_path / 'nothing'}\n"
     (tmp_path / "file").write_text("")
     assert main([str(record()), "--output", str(tmp_path / "file"), *QUIET]) == 1
-    assert "analyze: cannot write" in capsys.readouterr().err
+    assert "analyze: cannot read or write" in capsys.readouterr().err
 
 
 def test_wrong_arguments(recorded_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

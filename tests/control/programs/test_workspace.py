@@ -54,7 +54,8 @@ def test_nothing_feasible(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert main([*COARSE, *payload, "--no-picture", "--output", stem, "--json", str(numbers)]) == 0
     assert "0.0% of the positions" in capsys.readouterr().out
     content = json.loads(numbers.read_text(encoding="utf-8"))
-    assert (content["feasible_share"], content["extent"]) == (0.0, None)
+    assert content["feasible_share"] == 0.0
+    assert "largest_margin_n" not in content
     assert not Path(f"{stem}.png").exists()
 
 

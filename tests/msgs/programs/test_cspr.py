@@ -12,7 +12,7 @@ import pytest
 
 from cspr_msgs_py.json_file import plain, write_json
 from cspr_msgs_py.programs import cspr
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program
 
 
 def test_lists_every_program_and_imports_none() -> None:
@@ -69,6 +69,29 @@ def test_parser_teaches_and_takes_a_file(capsys: pytest.CaptureFixture[str]) -> 
     assert "Measure\n  something." in text
     assert "examples:\n  cspr measure" in text
     assert not hasattr(program_parser("replay", "", "").parse_args([]), "json")
+
+
+@pytest.mark.parametrize(
+    ("raised", "status", "said"),
+    [
+        (KeyboardInterrupt(), 130, "measure: interrupted; nothing was written"),
+        (KeyError("speed"), 1, "measure: 'speed'"),
+        (OSError(28, "No space left on device", "out.json"), 1, "out.json: No space left on device"),
+    ],
+)
+def test_how_programs_end(
+    raised: BaseException, status: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def body() -> None:
+        raise raised
+
+    assert run_program("measure", body, (KeyError,), "nothing was written") == status
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert run_program("measure", lambda: 3, ()) == 3
+    with pytest.raises(ValueError, match="invalid literal"):
+        run_program("measure", lambda: int("a defect"), (KeyError,))
 
 
 def test_json_without_nan(tmp_path: Path) -> None:

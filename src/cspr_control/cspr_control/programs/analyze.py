@@ -13,7 +13,7 @@ from cspr_control.analysis.results import default_directory, metrics_mapping, wr
 from cspr_control.analysis.run_analysis import analyse_bags
 from cspr_control.errors import ControlError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 
 DESCRIPTION = """\
 Analyse recorded runs: how well the motors followed, what the cables carried, how good the mass estimate was.
@@ -38,26 +38,15 @@ exit status: 0 done, 1 a bag cannot be analysed or nothing could be written, 2 w
 def main(args: Sequence[str] | None = None) -> int:
     """Analyse the bags; returns the exit status."""
     options = _parse(sys.argv[1:] if args is None else args)
-    try:
-        _run(options)
-    except KeyboardInterrupt:
-        print("analyze: interrupted; what had been written stays", file=sys.stderr)
-        return 130
-    except ControlError as error:
-        print(f"analyze: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"analyze: cannot write {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
-    return 0
+    return run_program("analyze", lambda: _run(options), (ControlError,), "what had been written stays")
 
 
 def _run(options: argparse.Namespace) -> None:
-    _show_progress(f"reading {len(options.bags)} bag{'s' if len(options.bags) > 1 else ''}")
+    show_progress(f"reading {len(options.bags)} bag{'s' if len(options.bags) > 1 else ''}")
     runs = analyse_bags(
         options.bags, options.label or (), options.robot, options.config or CONFIGURATION_DIRECTORY
     )
-    _show_progress("")
+    show_progress("")
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         print(f"note: {remark}", file=sys.stderr)
     print(format_runs(runs))
@@ -66,22 +55,15 @@ def _run(options: argparse.Namespace) -> None:
         runs,
         directory,
         figures=not options.no_figures,
-        progress=lambda name: _show_progress(f"writing {name}"),
+        progress=lambda name: show_progress(f"writing {name}"),
     )
     if options.json is not None:
         write_json(options.json, metrics_mapping(runs))
-    _show_progress("")
+    show_progress("")
     print(f"\nmetrics  {results.metrics}")
     if results.figures:
         print(f"figures  {directory / 'figures'} ({len(results.figures)}, each as PNG and SVG)")
     print(f"report   {results.report}")
-
-
-def _show_progress(text: str) -> None:
-    """Show one live line on a terminal, nothing elsewhere; an empty text removes it."""
-    if sys.stderr.isatty():
-        sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -21,7 +21,7 @@ from cspr_kinematics import KinematicsError
 from cspr_msgs_py.errors import MessagesError, ParameterError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.parameters.table import TABLE, known_parameter
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 from cspr_msgs_py.vocabulary import Controller
 
 DESCRIPTION = """\
@@ -46,16 +46,7 @@ faults, each with the place that has it:
 def main(args: Sequence[str] | None = None) -> int:
     """Run a scenario; returns the exit status."""
     options = _parse(sys.argv[1:] if args is None else args)
-    try:
-        _run(options)
-    except KeyboardInterrupt:
-        print("closed_loop: interrupted", file=sys.stderr)
-        return 130
-    except (ControlError, KinematicsError, MessagesError, OSError) as error:
-        _show_progress("")
-        print(f"closed_loop: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return run_program("closed_loop", lambda: _run(options), (ControlError, KinematicsError, MessagesError))
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -76,9 +67,9 @@ def _run(options: argparse.Namespace) -> None:
         parameters=parameters,
     )
     record = run(
-        scenario, options.bag, lambda step, time: _show_progress(f"{scenario.label}: {time:5.1f} s  {step}")
+        scenario, options.bag, lambda step, time: show_progress(f"{scenario.label}: {time:5.1f} s  {step}")
     )
-    _show_progress("")
+    show_progress("")
     summary = record.summary(str(options.bag or ""))
     print(format_summary(summary))
     if record.cause:
@@ -93,20 +84,13 @@ def _run(options: argparse.Namespace) -> None:
         write_json(options.json, summary.as_mapping())
 
 
-def _show_progress(text: str) -> None:
-    """Show one live line on a terminal, nothing elsewhere; an empty text removes it."""
-    if sys.stderr.isatty():
-        sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
-
-
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     faults = [f"  {name:20}{place:20}{meaning}" for name, (place, meaning) in FAULTS.items()]
     parser = program_parser(
         "closed_loop", DESCRIPTION, EPILOG + "\n".join(faults), json="what summary.json holds"
     )
     add = parser.add_argument
-    add("--controller", choices=list(Controller), default="pdff-mass", help="default: %(default)s")
+    add("--controller", choices=list(Controller), default=Controller.PDFF_MASS, help="default: %(default)s")
     add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
     add(
         "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",

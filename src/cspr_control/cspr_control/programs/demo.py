@@ -32,7 +32,7 @@ from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
 from cspr_control.programs.arguments import added_payload, mass
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
 COMPARED = [*((controller, False) for controller in Controller), (Controller.PDFF, True)]
@@ -64,58 +64,60 @@ def main(args: list[str] | None = None) -> int:
     if options.realtime and (problem := _realtime_problem()):
         print(f"demo: {problem}", file=sys.stderr)
         return 2
-    summaries: list[RunSummary] = []
     _stop_on_signals()
+    return run_program(
+        "demo",
+        lambda: _run_chosen(options),
+        (ControlError,),
+        "brakes are closed, every process has ended, the bag is readable",
+    )
+
+
+def _run_chosen(options: argparse.Namespace) -> None:
+    """Run what the options ask for, one after the other; what was run is compared, whatever becomes of the next."""
+    chosen = COMPARED if options.compare else [(Controller(options.controller), options.exact_mass)]
+    summaries: list[RunSummary] = []
+    analyses: list[RunAnalysis] = []
+    # On loopback, in a domain of its own: no robot in the same network hears a word of this.
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     try:
-        # On loopback, in a domain of its own: no robot in the same network hears a word of this.
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         with claim_domain():
-            _run_chosen(options, summaries)
-    except KeyboardInterrupt:
-        print(
-            "demo: interrupted; brakes are closed, every process has ended, the bag is readable",
-            file=sys.stderr,
-        )
-        return 130
-    except (ControlError, OSError) as error:
+            for controller, exact_mass in chosen:
+                scenario = Scenario(
+                    controller,
+                    exact_mass,
+                    options.trajectory,
+                    options.payload,
+                    options.add_payload,
+                    options.realtime,
+                    options.speed,
+                )
+                summary, analysis = _run_and_report(scenario, options)
+                summaries.append(summary)
+                analyses.append(analysis)
+    except (ControlError, OSError):
         if len(summaries) > 1:
             print(format_comparison(summaries))
-        print(f"demo: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-def _run_chosen(options: argparse.Namespace, summaries: list[RunSummary]) -> None:
-    """Run what the options ask for, one after the other; each run adds its summary, whatever becomes of the next."""
-    chosen = COMPARED if options.compare else [(Controller(options.controller), options.exact_mass)]
-    analyses: list[RunAnalysis] = []
-    for controller, exact_mass in chosen:
-        scenario = Scenario(
-            controller,
-            exact_mass,
-            options.trajectory,
-            options.payload,
-            options.add_payload,
-            options.realtime,
-            options.speed,
-        )
-        directory = _new_run_directory(Path(options.runs))
-        summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
-        summaries.append(summary)
-        analyses.append(analysis)
-        if not options.compare:
-            print(f"\n{format_runs([analysis])}")
-        print(f"\n{format_summary(summary)}")
-        if options.speed < 1.0:
-            print(f"  pace                  {options.speed:g} of real time; all times are the machine's")
-        print(f"  recorded in           {directory}", flush=True)
-        _report([analysis], figures=not options.compare)
+        raise
     if options.json is not None:
         found = [summary.as_mapping() for summary in summaries]
         write_json(options.json, found if options.compare else found[0])
     if options.compare:
         print(format_runs(analyses), format_comparison(summaries), sep="\n\n")
         _report(analyses)
+
+
+def _run_and_report(scenario: Scenario, options: argparse.Namespace) -> tuple[RunSummary, RunAnalysis]:
+    directory = _new_run_directory(Path(options.runs))
+    summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
+    if not options.compare:
+        print(f"\n{format_runs([analysis])}")
+    print(f"\n{format_summary(summary)}")
+    if scenario.speed < 1.0:
+        print(f"  pace                  {scenario.speed:g} of real time; all times are the machine's")
+    print(f"  recorded in           {directory}", flush=True)
+    _report([analysis], figures=not options.compare)
+    return summary, analysis
 
 
 def _stop_on_signals() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import sys
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from cspr_control.errors import ControlError
 from cspr_kinematics import KinematicsError
 from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program
 
 DESCRIPTION = f"""\
 Let faults happen to a simulated robot, in simulated time, and print what becomes of each as a table.
@@ -63,25 +64,20 @@ class Row:
 def main(args: Sequence[str] | None = None) -> int:
     """Print the table; returns the exit status."""
     options = _parse(sys.argv[1:] if args is None else args)
-    bench = Bench(options.config)
+    return run_program("faults", lambda: _run(options), (ControlError, KinematicsError, MessagesError))
+
+
+def _run(options: argparse.Namespace) -> int:
     rows = []
-    try:
+    with contextlib.closing(Bench(options.config)) as bench:
         print("| fault | cause on `/robot_state` | stop | held: brakes, ms | height, mm ", end="")
         print("| moving: brakes, ms | height, mm | lowest tension, N |")
         print("|---|---|---|---|---|---|---|---|", flush=True)
         for scenario in (s for s in SCENARIOS if s.name in (options.faults or [s.name])):
             rows.append(Row(scenario.name, *(_outcome(bench, scenario, moving) for moving in (False, True))))
             print(rows[-1], flush=True)
-        if options.json is not None:
-            write_json(options.json, rows)
-    except KeyboardInterrupt:
-        print("faults: interrupted", file=sys.stderr)
-        return 130
-    except (ControlError, KinematicsError, MessagesError, OSError) as error:
-        print(f"faults: {error}", file=sys.stderr)
-        return 1
-    finally:
-        bench.close()
+    if options.json is not None:
+        write_json(options.json, rows)
     return int(any(isinstance(outcome, str) for row in rows for outcome in (row.held, row.moving)))
 
 

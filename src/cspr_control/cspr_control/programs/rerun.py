@@ -42,7 +42,7 @@ from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates
 from cspr_msgs_py.errors import MessagesError, ParameterError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.parameters.table import known_parameter
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 
 NODES = ("mass_estimator", "feedforward")
 
@@ -74,15 +74,8 @@ def main(args: Sequence[str] | None = None) -> int:
         changes = _changes(options.set, options.nodes)
     except ControlError as error:
         parser.error(str(error))
-    try:
-        _run(options, changes)
-    except KeyboardInterrupt:
-        print("\nrerun: interrupted; nothing was written", file=sys.stderr)
-        return 130
-    except (ControlError, KinematicsError, MessagesError, OSError) as error:
-        print(f"rerun: {error}", file=sys.stderr)
-        return 1
-    return 0
+    errors = (ControlError, KinematicsError, MessagesError)
+    return run_program("rerun", lambda: _run(options, changes), errors, "nothing was written")
 
 
 def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> None:
@@ -275,12 +268,7 @@ def _mention_differing_files(configuration: Configuration) -> None:
 
 
 def _progress(name: str) -> Progress:
-    def show(share: float) -> None:
-        if sys.stderr.isatty():
-            end = "\r\x1b[K" if share >= 1.0 else ""
-            print(f"\r{name}: {share:4.0%}", end=end, file=sys.stderr, flush=True)
-
-    return show
+    return lambda share: show_progress("" if share >= 1.0 else f"{name}: {share:4.0%}")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from cspr_kinematics import InvalidInputError, KinematicsError, Robot, Task, Workspace, explore_workspace
 from cspr_kinematics.workspace.plot import PlottingUnavailableError, plot_workspace
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 
 DESCRIPTION = """\
 Find the wrench-feasible workspace: the poses at which the cables, within their limits, can hold every
@@ -40,14 +39,7 @@ exit status: 0 done, 1 nothing could be computed or written, 2 wrong arguments, 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the exploration; returns the exit status."""
     options = _parse(sys.argv[1:] if args is None else args)
-    try:
-        return _run(options)
-    except KeyboardInterrupt:
-        print("workspace: interrupted; nothing was written", file=sys.stderr)
-        return 130
-    except (KinematicsError, OSError) as error:
-        print(f"workspace: {error}", file=sys.stderr)
-        return 1
+    return run_program("workspace", lambda: _run(options), (KinematicsError,), "nothing was written")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -72,10 +64,10 @@ def _run(options: argparse.Namespace) -> int:
     elapsed = time.monotonic() - start
     array_file, picture_file = (output.with_name(output.name + suffix) for suffix in (".npz", ".png"))
     workspace.save(array_file)
-    exploration = Exploration.of(robot, task, workspace, max(1, len(options.euler or [])), elapsed)
-    print(exploration)
+    numbers = _numbers_of(robot, task, workspace, max(1, len(options.euler or [])))
+    print(_format_summary(numbers, elapsed))
     if options.json is not None:
-        write_json(options.json, exploration)
+        write_json(options.json, numbers)
     for position in options.at or []:
         print(_format_position(workspace, position))
     print(f"  arrays                {array_file}")
@@ -103,105 +95,56 @@ def _check_positions(options: argparse.Namespace, robot: Robot) -> None:
             )
 
 
-@dataclass(frozen=True)
-class Exploration:
-    """The numbers of an exploration, as ``--json`` writes them; None where no position is feasible.
+def _numbers_of(robot: Robot, task: Task, workspace: Workspace, orientations: int) -> dict[str, Any]:
+    """Return the summary of an exploration as ``--json`` writes it; no margins and payloads of what is not feasible."""
+    axes, feasible = (workspace.x, workspace.y, workspace.z), workspace.feasible
+    numbers: dict[str, Any] = {
+        "robot": robot.name,
+        "task": _format_task(task),
+        "positions": workspace.margin.shape,
+        "orientations": orientations,
+        "feasible_share": feasible.mean(),
+        "volume_m3": workspace.volume,
+        "grid_volume_m3": math.prod(float(axis[-1] - axis[0]) for axis in axes),
+    }
+    if feasible.any():
+        best = np.unravel_index(int(workspace.margin.argmax()), workspace.margin.shape)
+        places = np.argwhere(feasible).T
+        numbers |= {
+            "extent_m": [(axis[at.min()], axis[at.max()]) for axis, at in zip(axes, places, strict=True)],
+            "largest_margin_n": workspace.margin[best],
+            "best_position_m": [axis[k] for axis, k in zip(axes, best, strict=True)],
+            "smallest_margin_n": workspace.margin[feasible].min(),
+            "payload_everywhere_kg": workspace.payload_max[feasible].min(),
+        }
+    if np.isfinite(workspace.payload_max).any():
+        numbers["largest_payload_kg"] = np.nanmax(workspace.payload_max)
+    return numbers
 
-    Attributes
-    ----------
-    robot, task
-        What was explored, in words.
-    positions, orientations
-        Shape of the grid, and in how many orientations each position was examined.
-    elapsed
-        Time it took, s.
-    feasible_share
-        Of the positions.
-    volume, grid_volume
-        Of the workspace, and of the whole grid, m^3.
-    extent
-        Range of the feasible positions along x, y and z (3, 2), m.
-    largest_margin, best_position
-        N, and where, m.
-    smallest_margin
-        Where the task is feasible, N.
-    payload_max, payload_max_everywhere
-        At the best position, and wherever the task is feasible, kg.
-    """
 
-    robot: str
-    task: str
-    positions: tuple[int, ...]
-    orientations: int
-    elapsed: float
-    feasible_share: float
-    volume: float
-    grid_volume: float
-    extent: tuple[tuple[float, float], ...] | None = None
-    largest_margin: float | None = None
-    best_position: tuple[float, ...] | None = None
-    smallest_margin: float | None = None
-    payload_max: float | None = None
-    payload_max_everywhere: float | None = None
-
-    @classmethod
-    def of(
-        cls, robot: Robot, task: Task, workspace: Workspace, orientations: int, elapsed: float
-    ) -> Exploration:
-        """Return the numbers of a workspace; see the attributes."""
-        feasible, axes = workspace.feasible, (workspace.x, workspace.y, workspace.z)
-        found: dict[str, Any] = {}
-        if feasible.any():
-            best = np.unravel_index(int(workspace.margin.argmax()), workspace.margin.shape)
-            places = np.argwhere(feasible).T
-            found = {
-                "extent": tuple(
-                    (float(axis[at.min()]), float(axis[at.max()]))
-                    for axis, at in zip(axes, places, strict=True)
-                ),
-                "largest_margin": float(workspace.margin[best]),
-                "best_position": tuple(float(axis[k]) for axis, k in zip(axes, best, strict=True)),
-                "smallest_margin": float(workspace.margin[feasible].min()),
-                "payload_max_everywhere": float(workspace.payload_max[feasible].min()),
-            }
-        if np.isfinite(workspace.payload_max).any():
-            found["payload_max"] = float(np.nanmax(workspace.payload_max))
-        return cls(
-            robot.name,
-            _format_task(task),
-            workspace.margin.shape,
-            orientations,
-            elapsed,
-            float(feasible.mean()),
-            float(workspace.volume),
-            math.prod(float(axis[-1] - axis[0]) for axis in axes),
-            **found,
-        )
-
-    def __str__(self) -> str:
-        """Return the summary, some lines of text."""
-        lines = [
-            f"workspace of {self.robot}: {self.task}",
-            f"  poses                 {math.prod(self.positions) * self.orientations} in {self.elapsed:.2f} s "
-            f"({' x '.join(map(str, self.positions))} positions, {self.orientations} orientation"
-            f"{'s' if self.orientations > 1 else ''})",
-            f"  feasible              {self.feasible_share:.1%} of the positions",
-            f"  volume                {self.volume:.3f} of {self.grid_volume:.3f} m^3",
+def _format_summary(numbers: dict[str, Any], elapsed: float) -> str:
+    orientations = numbers["orientations"]
+    lines = [
+        f"workspace of {numbers['robot']}: {numbers['task']}",
+        f"  poses                 {math.prod(numbers['positions']) * orientations} in {elapsed:.2f} s "
+        f"({' x '.join(map(str, numbers['positions']))} positions, {orientations} orientation"
+        f"{'s' if orientations > 1 else ''})",
+        f"  feasible              {numbers['feasible_share']:.1%} of the positions",
+        f"  volume                {numbers['volume_m3']:.3f} of {numbers['grid_volume_m3']:.3f} m^3",
+    ]
+    for name, (low, high) in zip("xyz", numbers.get("extent_m", ()), strict=False):
+        lines.append(f"  {name}                     {low:.3g} to {high:.3g} m")
+    if "best_position_m" in numbers:
+        lines += [
+            f"  largest margin        {numbers['largest_margin_n']:.1f} N at ({_numbers(numbers['best_position_m'])})",
+            f"  smallest margin       {numbers['smallest_margin_n']:.1f} N where feasible",
         ]
-        for name, (low, high) in zip("xyz", self.extent or (), strict=False):
-            lines.append(f"  {name}                     {low:.3g} to {high:.3g} m")
-        if self.best_position is not None:
-            lines += [
-                f"  largest margin        {self.largest_margin:.1f} N at ({_numbers(self.best_position)})",
-                f"  smallest margin       {self.smallest_margin:.1f} N where feasible",
-            ]
-        if self.payload_max is not None:
-            lines.append(f"  largest payload       {self.payload_max:.1f} kg at the best position")
-            if self.payload_max_everywhere is not None:
-                lines.append(
-                    f"                        {self.payload_max_everywhere:.1f} kg wherever the task is feasible"
-                )
-        return "\n".join(lines)
+    if "largest_payload_kg" in numbers:
+        lines.append(f"  largest payload       {numbers['largest_payload_kg']:.1f} kg at the best position")
+    if "payload_everywhere_kg" in numbers:
+        everywhere = numbers["payload_everywhere_kg"]
+        lines.append(f"                        {everywhere:.1f} kg wherever the task is feasible")
+    return "\n".join(lines)
 
 
 def _format_task(task: Task) -> str:
@@ -227,9 +170,7 @@ def _numbers(values: Sequence[float] | np.ndarray) -> str:
 
 
 def _show_progress(done: int, total: int) -> None:
-    if sys.stderr.isatty():
-        end = "\n" if done == total else ""
-        print(f"\r{done} of {total} poses ({done / total:.0%})", end=end, file=sys.stderr, flush=True)
+    show_progress("" if done == total else f"{done} of {total} poses ({done / total:.0%})")
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -24,7 +24,7 @@ from cspr_kinematics.configuration.structure import structured, unknown_key
 from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import ConfigurationFileError
 from cspr_kinematics.robot.robot_description import RobotDescription
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program
 
 DESCRIPTION = """\
 Walk through a new machine, winch by winch and load cell by load cell, and write what is found into can.yaml.
@@ -68,18 +68,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the walk; returns the exit status: 0 done, 1 a problem, 2 wrong arguments, 130 interrupted."""
     options = _parse(arguments)
     previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+
+    def walk() -> int:
         operator = Terminal() if options.answers is None else _answers(options.answers)
         return commission(options.config, options.robot, operator, options.torque, options.restart)
-    except KeyboardInterrupt:
-        print(
-            "\ncommission: interrupted; all brakes are closed. The same command resumes from here",
-            file=sys.stderr,
-        )
-        return 130
-    except DriverError as error:
-        print(f"commission: {error}", file=sys.stderr)
-        return 1
+
+    try:
+        closed = "all brakes are closed. The same command resumes from here"
+        return run_program("commission", walk, (DriverError,), closed)
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

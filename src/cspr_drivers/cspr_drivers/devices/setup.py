@@ -136,8 +136,7 @@ def _identify(device: CanopenDevice, identity: Identity | None) -> None:
     if identity is None:
         raise WrongDeviceError(
             device.name,
-            "is not commissioned: its identity is null in the configuration; "
-            "`ros2 run cspr_drivers commission` finds it",
+            "is not commissioned: its identity is null in the configuration; `cspr commission` finds it",
         )
     device.identify(identity_object(identity))
 

@@ -198,7 +198,7 @@ class Recorder(Node):
         if drops:
             text += f", {dropped} dropped: the disk is too slow"
         if lost:
-            text += f", {lost.total()} lost on their way: the computer is too slow"
+            text += f", {lost.total()} lost on the way: the computer is too slow"
         if self._writer.error is not None:
             level, text = Level.ERROR, str(self._writer.error)
         missing = sorted(name for name in self._chosen if name not in counts)

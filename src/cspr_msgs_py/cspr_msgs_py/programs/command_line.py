@@ -1,8 +1,10 @@
-"""What the command lines of all programs have in common: how they teach, and how they write their numbers."""
+"""What the command lines of all programs have in common: how they teach, show progress and end."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -30,3 +32,45 @@ def program_parser(
     if json is not None:
         parser.add_argument("--json", type=Path, metavar="FILE", help=f"also write {json} to this file")
     return parser
+
+
+def run_program(
+    name: str,
+    body: Callable[[], int | None],
+    errors: tuple[type[Exception], ...],
+    interrupted: str = "",
+) -> int:
+    """Run the body of a program and return its exit status, with one line on stderr about what ended it.
+
+    Parameters
+    ----------
+    name
+        Of the program.
+    body
+        Returns the exit status; None for 0.
+    errors
+        Those whose text is all that the user needs; the status is then 1, as for OSError.
+    interrupted
+        What Ctrl-C leaves behind, in words; the status is then 130.
+    """
+    try:
+        return body() or 0
+    except KeyboardInterrupt:
+        status, text = 130, f"interrupted; {interrupted}" if interrupted else "interrupted"
+    except errors as error:
+        status, text = 1, str(error)
+    except OSError as error:
+        status, text = (
+            1,
+            f"cannot read or write {error.filename}: {error.strerror}" if error.filename else str(error),
+        )
+    show_progress("")
+    print(f"{name}: {text}", file=sys.stderr)
+    return status
+
+
+def show_progress(text: str) -> None:
+    """Show one live line on a terminal, nothing elsewhere; an empty text removes it."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()

@@ -3,7 +3,7 @@
 The hot topics of the graph carry one JointState a cycle. Building message objects costs more than the
 control law; here a message is a constant frame with the stamp and the doubles at fixed offsets. The bytes
 are those of an ordinary publisher, so any ROS 2 tool reads them. A message in another layout is not decoded
-here but by :func:`cspr_msgs_py.joint_state_conversion.decode_joint_state`.
+here but by :func:`cspr_msgs_py.wire.joint_state_conversion.decode_joint_state`.
 """
 
 import math

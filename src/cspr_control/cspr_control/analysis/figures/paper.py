@@ -1,8 +1,8 @@
 """Figures 7 to 12 of the paper, drawn from plain arrays: from a simulation study or from a recorded run.
 
 Every function returns a matplotlib figure in the style of :mod:`cspr_control.analysis.figures.style`; draw and store
-inside :func:`~cspr_control.analysis.style.house_style`. Angles are degrees here, as in the paper, everything else
-SI. Motors and cables are the last axis of an array, in the order of ``robot.yaml``.
+inside its :func:`~cspr_control.analysis.figures.style.house_style`. Angles are degrees, as in the paper, everything
+else SI. Motors and cables are the last axis of an array, in the order of ``robot.yaml``.
 """
 
 from __future__ import annotations
