@@ -13,7 +13,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "scipy", "numba", "pyyaml", "msgspec"],
+    install_requires=["setuptools", "numpy", "scipy", "numba", "ruamel.yaml", "msgspec"],
     zip_safe=False,  # compiled kernels are kept beside their sources
     maintainer="CSPR developers",
     maintainer_email="developers@example.org",
