@@ -8,11 +8,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from cspr_control.parameters.experiment import TRAJECTORIES, AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.parameters.file import value_from_text
 from cspr_msgs_py.parameters.table import TABLE, known_parameter
 from cspr_msgs_py.vocabulary import Controller
 
@@ -53,8 +52,8 @@ def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]
             row = known_parameter(node, parameter)
             if row is None:
                 raise ParameterError(f"there is no node {node}; there are {', '.join(TABLE)}")
-            return node, parameter, row.checked(yaml.safe_load(value))
-        except (ParameterError, yaml.YAMLError) as error:
+            return node, parameter, row.checked(value_from_text(value))
+        except ParameterError as error:
             raise argparse.ArgumentTypeError(f"{text}: {error}") from error
 
     return read
