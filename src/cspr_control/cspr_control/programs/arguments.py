@@ -12,7 +12,6 @@ from cspr_control.parameters.experiment import TRAJECTORIES, AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import value_from_text
-from cspr_msgs_py.parameters.table import TABLE, known_parameter
 from cspr_msgs_py.vocabulary import Controller
 
 _DEFAULT_ADDED = AddedPayload(100.0, 3.0)
@@ -49,10 +48,7 @@ def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]
         try:
             if nodes and node not in nodes:
                 raise ParameterError(f"{node!r} is not a node that has them here; {', '.join(nodes)} have")
-            row = known_parameter(node, parameter)
-            if row is None:
-                raise ParameterError(f"there is no node {node}; there are {', '.join(TABLE)}")
-            return node, parameter, row.checked(value_from_text(value))
+            return node, parameter, value_from_text(node, parameter, value)
         except ParameterError as error:
             raise argparse.ArgumentTypeError(f"{text}: {error}") from error
 
