@@ -226,7 +226,7 @@ def play(driver):
     for time, topic, data in script(driver.time.system_ns()):
         act = partial(driver.order, topic) if data is None else partial(driver.receive, topic, data)
         driver.time.at(begin + time, act)
-    driver.time.run_until(begin + 0.004 * CYCLES)
+    driver.time.wait(begin + 0.004 * CYCLES - driver.time.monotonic())
     driver.close()
     return driver.published
 

@@ -5,6 +5,7 @@ const MARGIN = { left: 62, right: 10, top: 8, bottom: 30 };
 const INK = "#222a33";
 const FAINT = "#e4e7eb";
 const MUTED = "#66707c";
+const AXIS = "#aab2bc";
 
 function ticks(low, high, count) {
   const span = high - low;
@@ -21,6 +22,33 @@ function tickText(value, values) {
   const step = values.length > 1 ? Math.abs(values[1] - values[0]) : Math.abs(value) || 1;
   const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(step) + 1e-9)));
   return (Math.abs(value) < step * 1e-6 ? 0 : value).toFixed(digits);
+}
+
+// An element of a class (or none) with elements and texts in it.
+function make(tag, className, ...content) {
+  const element = document.createElement(tag);
+  if (className) element.className = className;
+  element.append(...content);
+  return element;
+}
+
+// A line through points of the canvas.
+function stroke(c, color, ...points) {
+  c.strokeStyle = color;
+  c.beginPath();
+  for (const [x, y] of points) c.lineTo(x, y);
+  c.stroke();
+}
+
+// The unit of the vertical axis, at the left of a plot.
+function unitText(c, unit, plotHeight) {
+  c.save();
+  c.translate(11, MARGIN.top + plotHeight / 2);
+  c.rotate(-Math.PI / 2);
+  c.textAlign = "center";
+  c.textBaseline = "middle";
+  c.fillText(unit, 0, 0);
+  c.restore();
 }
 
 // A canvas that is as sharp as the screen, and as wide as the element around it.
@@ -44,21 +72,11 @@ class LinePanel {
     this.chart = chart;
     this.run = run;
     this.series = series;
-    this.element = document.createElement("div");
-    this.element.className = "panel";
-    if (run && chart.page.runs.length > 1) {
-      const title = document.createElement("div");
-      title.className = "panel-title";
-      title.textContent = run.title;
-      this.element.append(title);
-    }
-    this.stage = document.createElement("div");
-    this.stage.className = "stage";
-    this.canvas = document.createElement("canvas");
-    this.overlay = document.createElement("canvas");
-    this.overlay.className = "overlay";
-    this.stage.append(this.canvas, this.overlay);
-    this.element.append(this.stage);
+    this.canvas = make("canvas");
+    this.overlay = make("canvas", "overlay");
+    this.stage = make("div", "stage", this.canvas, this.overlay);
+    const title = run && chart.page.runs.length > 1 ? [make("div", "panel-title", run.title)] : [];
+    this.element = make("div", "panel", ...title, this.stage);
     this.listen();
   }
 
@@ -126,11 +144,7 @@ class LinePanel {
     c.textBaseline = "middle";
     for (const v of vertical) {
       const y = Math.round(this.y(v)) + 0.5;
-      c.strokeStyle = FAINT;
-      c.beginPath();
-      c.moveTo(MARGIN.left, y);
-      c.lineTo(MARGIN.left + this.plotWidth, y);
-      c.stroke();
+      stroke(c, FAINT, [MARGIN.left, y], [MARGIN.left + this.plotWidth, y]);
       c.fillStyle = MUTED;
       c.fillText(tickText(v, vertical), MARGIN.left - 6, y);
     }
@@ -138,46 +152,30 @@ class LinePanel {
     c.textAlign = "center";
     c.textBaseline = "top";
     for (const t of horizontal) {
-      const x = Math.round(this.x(t)) + 0.5;
-      c.strokeStyle = FAINT;
-      c.beginPath();
-      c.moveTo(x, MARGIN.top);
-      c.lineTo(x, MARGIN.top + this.plotHeight);
-      c.stroke();
+      this.vertical(c, FAINT, Math.round(this.x(t)) + 0.5);
       c.fillStyle = MUTED;
-      c.fillText(tickText(t, horizontal), x, MARGIN.top + this.plotHeight + 4);
+      c.fillText(tickText(t, horizontal), Math.round(this.x(t)) + 0.5, MARGIN.top + this.plotHeight + 4);
     }
-    c.strokeStyle = "#aab2bc";
-    c.beginPath();
-    c.moveTo(MARGIN.left + 0.5, MARGIN.top);
-    c.lineTo(MARGIN.left + 0.5, MARGIN.top + this.plotHeight + 0.5);
-    c.lineTo(MARGIN.left + this.plotWidth, MARGIN.top + this.plotHeight + 0.5);
-    c.stroke();
+    const bottom = MARGIN.top + this.plotHeight + 0.5;
+    stroke(c, AXIS, [MARGIN.left + 0.5, MARGIN.top], [MARGIN.left + 0.5, bottom], [MARGIN.left + this.plotWidth, bottom]);
     c.fillStyle = INK;
     c.textAlign = "right";
     c.textBaseline = "bottom";
     c.fillText("time, s", MARGIN.left + this.plotWidth, this.height - 1);
-    c.save();
-    c.translate(11, MARGIN.top + this.plotHeight / 2);
-    c.rotate(-Math.PI / 2);
-    c.textAlign = "center";
-    c.textBaseline = "middle";
-    c.fillText(this.chart.unit, 0, 0);
-    c.restore();
+    unitText(c, this.chart.unit, this.plotHeight);
+  }
+
+  vertical(c, color, x) {
+    stroke(c, color, [x, MARGIN.top], [x, MARGIN.top + this.plotHeight]);
   }
 
   drawEvents(c) {
     if (!this.run) return;
     for (const event of this.run.events) {
       if (event.kind === "state") continue;
-      const x = Math.round(this.x(event.time)) + 0.5;
-      c.strokeStyle = EVENT_COLORS[event.kind];
       c.globalAlpha = event.kind === "warning" ? 0.35 : 0.8;
       c.setLineDash([2, 3]);
-      c.beginPath();
-      c.moveTo(x, MARGIN.top);
-      c.lineTo(x, MARGIN.top + this.plotHeight);
-      c.stroke();
+      this.vertical(c, EVENT_COLORS[event.kind], Math.round(this.x(event.time)) + 0.5);
     }
     c.setLineDash([]);
     c.globalAlpha = 1;
@@ -245,12 +243,8 @@ class LinePanel {
     const c = fitCanvas(this.overlay, this.width, this.height);
     const now = this.x(this.chart.page.time);
     if (now >= MARGIN.left && now <= MARGIN.left + this.plotWidth) {
-      c.strokeStyle = "#111827";
       c.lineWidth = 1.2;
-      c.beginPath();
-      c.moveTo(now, MARGIN.top);
-      c.lineTo(now, MARGIN.top + this.plotHeight);
-      c.stroke();
+      this.vertical(c, "#111827", now);
     }
     if (this.selection) {
       c.fillStyle = "rgba(0, 114, 178, 0.15)";
@@ -259,11 +253,7 @@ class LinePanel {
     }
     if (this.hover !== undefined && !this.selection) {
       const t = this.timeAt(this.hover);
-      c.strokeStyle = "rgba(0, 0, 0, 0.3)";
-      c.beginPath();
-      c.moveTo(this.hover, MARGIN.top);
-      c.lineTo(this.hover, MARGIN.top + this.plotHeight);
-      c.stroke();
+      this.vertical(c, "rgba(0, 0, 0, 0.3)", this.hover);
       for (const s of this.shown) {
         const v = valueAt(s.block, s.column, t);
         if (Number.isNaN(v)) continue;
@@ -340,29 +330,20 @@ class LineChart {
     Object.assign(this, { page, id, title, unit, height });
     this.element = card(id, title, note);
     this.panels = panels.map(({ run, series }) => new LinePanel(this, run, series));
-    const grid = document.createElement("div");
-    grid.className = "panels";
-    grid.style.setProperty("--panels", Math.min(this.panels.length, 3));
-    grid.append(...this.panels.map((p) => p.element));
-    this.element.append(grid, this.legend());
+    this.element.append(panelGrid(this.panels), this.legend());
   }
 
   legend() {
-    const list = document.createElement("div");
-    list.className = "legend";
     const named = new Map();
     for (const panel of this.panels) {
       for (const s of panel.series) if (s.motor === null || s.motor === undefined) named.set(s.name, s);
     }
-    for (const s of named.values()) {
-      const item = document.createElement("span");
-      item.className = "legend-item";
-      const line = document.createElement("i");
+    const items = [...named.values()].map((s) => {
+      const line = make("i");
       line.style.borderTop = `2px ${s.dash ? "dashed" : "solid"} ${s.color}`;
-      item.append(line, s.name);
-      list.append(item);
-    }
-    return list;
+      return make("span", "legend-item", line, s.name);
+    });
+    return make("div", "legend", ...items);
   }
 
   draw() {
@@ -389,35 +370,20 @@ class BarChart {
     Object.assign(this, { page, id, title, unit, axis, logarithmic, height });
     this.element = card(id, title, note);
     this.panels = panels;
-    const grid = document.createElement("div");
-    grid.className = "panels";
-    grid.style.setProperty("--panels", Math.min(panels.length, 3));
     for (const panel of panels) {
-      panel.element = document.createElement("div");
-      panel.element.className = "panel";
-      const title = document.createElement("div");
-      title.className = "panel-title";
-      title.textContent = panel.title || "";
-      panel.canvas = document.createElement("canvas");
-      panel.element.append(title, panel.canvas);
+      panel.canvas = make("canvas");
+      panel.element = make("div", "panel", make("div", "panel-title", panel.title || ""), panel.canvas);
       panel.canvas.addEventListener("pointermove", (event) => this.showTip(event, panel));
       panel.canvas.addEventListener("pointerleave", () => page.hideTip());
-      grid.append(panel.element);
     }
-    this.element.append(grid);
+    this.element.append(panelGrid(panels));
     if (panels[0].legend) {
-      const list = document.createElement("div");
-      list.className = "legend";
-      for (const bar of panels[0].bars) {
-        const item = document.createElement("span");
-        item.className = "legend-item";
-        const box = document.createElement("i");
-        box.className = "box";
+      const items = panels[0].bars.map((bar) => {
+        const box = make("i", "box");
         box.style.background = bar.color;
-        item.append(box, bar.name);
-        list.append(item);
-      }
-      this.element.append(list);
+        return make("span", "legend-item", box, bar.name);
+      });
+      this.element.append(make("div", "legend", ...items));
     }
   }
 
@@ -459,17 +425,17 @@ class BarChart {
     const plotHeight = this.height - MARGIN.top - MARGIN.bottom - 6;
     const c = fitCanvas(panel.canvas, width, this.height);
     const y = (v) => MARGIN.top + (1 - (v - low) / (high - low)) * plotHeight;
+    const horizontal = (color, v) => {
+      const place = Math.round(y(v)) + 0.5;
+      stroke(c, color, [MARGIN.left, place], [MARGIN.left + plotWidth, place]);
+    };
     c.font = "11px system-ui, sans-serif";
     const marks = this.marks(low, high, plotHeight / 42);
     const levels = marks.map(([v]) => v);
     c.textAlign = "right";
     c.textBaseline = "middle";
     for (const [v, text] of marks) {
-      c.strokeStyle = FAINT;
-      c.beginPath();
-      c.moveTo(MARGIN.left, Math.round(y(v)) + 0.5);
-      c.lineTo(MARGIN.left + plotWidth, Math.round(y(v)) + 0.5);
-      c.stroke();
+      horizontal(FAINT, v);
       c.fillStyle = MUTED;
       c.fillText(text === null ? tickText(v, levels) : text, MARGIN.left - 6, y(v));
     }
@@ -500,21 +466,12 @@ class BarChart {
         c.textBaseline = "middle";
       }
     });
-    c.strokeStyle = "#aab2bc";
-    c.beginPath();
-    c.moveTo(MARGIN.left, Math.round(y(0)) + 0.5);
-    c.lineTo(MARGIN.left + plotWidth, Math.round(y(0)) + 0.5);
-    c.stroke();
+    horizontal(AXIS, 0);
     c.fillStyle = INK;
     c.textAlign = "center";
     c.textBaseline = "bottom";
     c.fillText(this.axis, MARGIN.left + plotWidth / 2, this.height - 1);
-    c.save();
-    c.translate(11, MARGIN.top + plotHeight / 2);
-    c.rotate(-Math.PI / 2);
-    c.textBaseline = "middle";
-    c.fillText(this.unit, 0, 0);
-    c.restore();
+    unitText(c, this.unit, plotHeight);
   }
 
   showTip(event, panel) {
@@ -528,18 +485,14 @@ class BarChart {
   drawOverlay() {}
 }
 
+function panelGrid(panels) {
+  const grid = make("div", "panels", ...panels.map((panel) => panel.element));
+  grid.style.setProperty("--panels", Math.min(panels.length, 3));
+  return grid;
+}
+
 function card(id, title, note) {
-  const element = document.createElement("section");
-  element.className = "card";
+  const element = make("section", "card", make("h3", "", title), ...(note ? [make("p", "note", note)] : []));
   element.id = id;
-  const heading = document.createElement("h3");
-  heading.textContent = title;
-  element.append(heading);
-  if (note) {
-    const text = document.createElement("p");
-    text.className = "note";
-    text.textContent = note;
-    element.append(text);
-  }
   return element;
 }

@@ -183,24 +183,17 @@ class Page {
   }
 
   showTip(event, title, rows, events) {
-    this.tip.replaceChildren();
-    const heading = document.createElement("b");
-    heading.textContent = title;
-    this.tip.append(heading);
-    for (const [color, name, value] of rows) {
-      const line = document.createElement("div");
-      const mark = document.createElement("i");
+    const lines = rows.map(([color, name, value]) => {
+      const mark = make("i");
       mark.style.background = color;
-      line.append(mark, `${name}: ${value}`);
-      this.tip.append(line);
-    }
-    for (const happened of events) {
-      const line = document.createElement("div");
-      line.className = "tip-event";
+      return make("div", "", mark, `${name}: ${value}`);
+    });
+    const happenings = events.map((happened) => {
+      const line = make("div", "tip-event", `${secondsText(happened.time)} ${happened.text}`);
       line.style.color = EVENT_COLORS[happened.kind];
-      line.textContent = `${secondsText(happened.time)} ${happened.text}`;
-      this.tip.append(line);
-    }
+      return line;
+    });
+    this.tip.replaceChildren(make("b", "", title), ...lines, ...happenings);
     this.tip.hidden = false;
     const box = this.tip.getBoundingClientRect();
     const left = event.clientX + 16 + box.width > window.innerWidth ? event.clientX - box.width - 16 : event.clientX + 16;
@@ -220,34 +213,28 @@ class Page {
     place.hidden = remarks.length === 0;
     place.open = remarks.length <= SHOWN_REMARKS; // more of them would stand before everything else
     place.querySelector("summary").textContent = remarks.length === 1 ? "1 remark" : `${remarks.length} remarks`;
-    place.querySelector("ul").append(...remarks.map((remark) => withText("li", remark)));
+    place.querySelector("ul").append(...remarks.map((remark) => make("li", "", remark)));
   }
 
   buildSummary() {
-    const table = document.getElementById("summary-table");
-    const head = table.createTHead().insertRow();
-    head.append(withText("th", ""), ...this.runs.map((run) => withText("th", run.title)));
+    this.fillTable("summary-table", this.runs.map((run) => run.title), this.report.summary);
+    const motors = [...Array(this.report.motors).keys()].map((k) => String(k + 1));
+    this.fillTable("motor-table", motors, this.report.by_motor);
+  }
+
+  fillTable(id, titles, rows) {
+    const table = document.getElementById(id);
+    table.createTHead().insertRow().append(make("th"), ...titles.map((title) => make("th", "", title)));
     const body = table.createTBody();
-    for (const [name, values] of this.report.summary) {
-      const row = body.insertRow();
-      row.append(withText("th", name), ...values.map((value) => withText("td", value)));
-    }
-    const motors = document.getElementById("motor-table");
-    const motorHead = motors.createTHead().insertRow();
-    motorHead.append(withText("th", ""));
-    for (let k = 1; k <= this.report.motors; k++) motorHead.append(withText("th", String(k)));
-    const motorBody = motors.createTBody();
-    for (const [name, values] of this.report.by_motor) {
-      const row = motorBody.insertRow();
-      row.append(withText("th", name), ...values.map((value) => withText("td", value)));
+    for (const [name, values] of rows) {
+      body.insertRow().append(make("th", "", name), ...values.map((value) => make("td", "", value)));
     }
   }
 
   buildMotors() {
     const bar = document.getElementById("motors");
     for (let k = 0; k < this.report.motors; k++) {
-      const button = withText("button", String(k + 1));
-      button.className = "motor";
+      const button = make("button", "motor", String(k + 1));
       button.dataset.motor = String(k + 1);
       button.title = `show or hide motor and cable ${k + 1} (alt: all others)`;
       button.style.setProperty("--color", this.report.colours[k % this.report.colours.length]);
@@ -308,13 +295,10 @@ class Page {
     all.sort((a, b) => a.time - b.time);
     for (const event of all) {
       const row = body.insertRow();
-      const kind = withText("span", event.kind);
-      kind.className = "kind";
+      const kind = make("span", "kind", event.kind);
       kind.style.background = EVENT_COLORS[event.kind];
-      const cell = row.insertCell();
-      cell.append(kind);
-      const time = withText("button", secondsText(event.time));
-      time.className = "link";
+      row.insertCell().append(kind);
+      const time = make("button", "link", secondsText(event.time));
       time.addEventListener("click", () => this.setTime(event.time));
       row.insertCell().append(time);
       row.insertCell().textContent = many ? `${event.run}: ${event.text}` : event.text;
@@ -324,30 +308,14 @@ class Page {
   buildConfiguration() {
     const place = document.getElementById("configuration");
     for (const run of this.runs) {
-      const title = withText("h3", run.title);
-      const facts = document.createElement("dl");
-      for (const [key, value] of Object.entries(run.information)) {
-        facts.append(withText("dt", key), withText("dd", value));
-      }
-      place.append(title, facts);
+      const facts = Object.entries(run.information).flatMap(([key, value]) => [make("dt", "", key), make("dd", "", value)]);
+      place.append(make("h3", "", run.title), make("dl", "", ...facts));
       for (const [name, text] of Object.entries(run.configuration)) {
-        const details = document.createElement("details");
-        details.append(withText("summary", name), withText("pre", text));
-        place.append(details);
+        place.append(make("details", "", make("summary", "", name), make("pre", "", text)));
       }
     }
-    for (const difference of this.report.differences) {
-      const item = withText("p", difference);
-      item.className = "difference";
-      place.prepend(item);
-    }
+    for (const difference of this.report.differences) place.prepend(make("p", "difference", difference));
   }
-}
-
-function withText(tag, text) {
-  const element = document.createElement(tag);
-  element.textContent = text;
-  return element;
 }
 
 // ---------------------------------------------------------------------- the charts

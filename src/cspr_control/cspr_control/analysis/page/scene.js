@@ -61,15 +61,10 @@ class Scene {
   constructor(page, run) {
     this.page = page;
     this.run = run;
-    this.element = document.createElement("div");
-    this.element.className = "scene panel";
-    const title = document.createElement("div");
-    title.className = "panel-title";
-    title.textContent = page.runs.length > 1 ? run.title : "";
-    this.canvas = document.createElement("canvas");
-    this.caption = document.createElement("div");
-    this.caption.className = "scene-caption";
-    this.element.append(title, this.canvas, this.caption);
+    this.canvas = make("canvas");
+    this.caption = make("div", "scene-caption");
+    const title = make("div", "panel-title", page.runs.length > 1 ? run.title : "");
+    this.element = make("div", "scene panel", title, this.canvas, this.caption);
     this.platform = null;
     this.listen();
   }
