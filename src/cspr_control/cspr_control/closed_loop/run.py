@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cspr_control.closed_loop.bag import LoopBag
+from cspr_control.closed_loop.bag import recorded
 from cspr_control.closed_loop.bare_plant import BarePlant
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.machine import Machine
@@ -76,7 +76,7 @@ def run(
         with ExitStack() as opened:
             opened.callback(loop.machine.close)
             if bag is not None:
-                opened.enter_context(LoopBag(bag, scenario, loop))
+                opened.enter_context(recorded(bag, scenario, loop))
             _operate(loop, scenario, progress)
     except DriverError as error:
         raise ClosedLoopError(str(error)) from error

@@ -141,11 +141,12 @@ def _estimate(
     recording: Recording, given: dict[str, Any]
 ) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
     settings, values = schedule(recording, "mass_estimator", estimator_settings, given)
-    tensions, poses = recording.tensions(), recording.poses()
+    tensions = recording.joints(topics.CABLE_TENSIONS, topics.cable_names(recording.robot.number_of_cables))
+    poses = recording.read(Bag.poses, topics.PLATFORM_POSE.name)
     recorded, initial, first = None, None, 0
     published: Sequence[int] = []
     if recording.holds(topics.PAYLOAD):
-        recorded = recording.payloads()
+        recorded = recording.read(Bag.inertias, topics.PAYLOAD.name)
         published = recording.publish_times(topics.PAYLOAD)
     updates = update_times(tensions, poses, recorded, published)
     if recorded is not None:
@@ -158,27 +159,31 @@ def _estimate(
     )
     if len(payloads.mass) == 0:
         raise ControlError("nothing to re-run: the recording holds no valid measurement of the payload")
-    truth_topic = topics.SIMULATED_PAYLOAD
-    truth = recording.payloads(truth_topic.name) if recording.holds(truth_topic) else None
+    truth = None
+    if recording.holds(topics.SIMULATED_PAYLOAD):
+        truth = recording.read(Bag.inertias, topics.SIMULATED_PAYLOAD.name)
     return payloads, compare_payloads(payloads, recorded, truth, tensions), values
 
 
 def _answer(
     recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
 ) -> tuple[JointStates, SetpointComparison, dict[str, Any]]:
-    build = partial(feedforward_settings, recording.robot.number_of_cables)
+    m = recording.robot.number_of_cables
+    build = partial(feedforward_settings, m)
     settings, values = schedule(recording, "feedforward", build, given)
-    references = recording.references()
-    payloads: Any = rerun
+    references = recording.read(Bag.references, topics.REFERENCE.name)
+    payloads: Inertias | None = rerun
+    if topic is None and rerun is None and recording.holds(topics.PAYLOAD):
+        topic = topics.PAYLOAD.name
     if topic is not None:
-        payloads = recording.payloads(topic)
-    elif rerun is None and recording.holds(topics.PAYLOAD):
-        payloads = recording.payloads()
+        payloads = recording.read(Bag.inertias, topic)
     initial = None if payloads is None else _known_before(recording, payloads)
     setpoints = rerun_feedforward(
         recording.robot, settings, references, payloads, initial, _progress("feedforward")
     )
-    recorded = recording.setpoints() if recording.holds(topics.SETPOINT) else None
+    recorded = None
+    if recording.holds(topics.SETPOINT):
+        recorded = recording.joints(topics.SETPOINT, topics.motor_names(m))
     return setpoints, compare_setpoints(setpoints, recorded), values
 
 

@@ -9,7 +9,6 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
@@ -31,21 +30,6 @@ class TrajectoryName(Enum):
     SMOOTH_18 = "smooth-18"
     SMOOTH_19 = "smooth-19"
     SMOOTH_19_TILT = "smooth-19-tilt"
-
-    @staticmethod
-    def parse(text: str) -> TrajectoryName:
-        """Trajectory of that name.
-
-        Raises
-        ------
-        TrajectoryError
-            If there is none.
-        """
-        try:
-            return TrajectoryName(text)
-        except ValueError:
-            known = ", ".join(name.value for name in TrajectoryName)
-            raise TrajectoryError(f"there is no trajectory {text!r}; known are {known}") from None
 
 
 @dataclass(frozen=True)
