@@ -61,11 +61,10 @@ def _figure_9(results: TensionResults) -> str:
 
 
 def _figure_10(results: TensionResults) -> str:
-    before, after = results.payload_change
     rows = []
-    for name, one in (("before", before), ("after", after), ("delta = before - after", before - after)):
-        k = SHOWN_CABLE - 1
-        rows.append((name, f"{one.maximum[k]:.2f}", f"{one.median[k]:.2f}", f"{one.rms[k]:.2f}"))
+    for name, one in results.payload_change.items():
+        k, named = SHOWN_CABLE - 1, "delta = before - after" if name == "delta" else name
+        rows.append((named, f"{one.maximum[k]:.2f}", f"{one.median[k]:.2f}", f"{one.rms[k]:.2f}"))
     return _table((f"cable {SHOWN_CABLE}, N", "maximum", "median", "RMS"), rows)
 
 
@@ -78,8 +77,7 @@ def _simulation_statements(results: TensionResults, robot: Robot) -> list[tuple[
     parts = second.between(0.0, SWITCH_19 + 0.05), level.between(0.0, SWITCH_19 + 0.05)
     turning = np.abs(parts[0].deviation - parts[1].deviation).max()
     late = np.abs(second.between(SWITCH_19 + 0.05, np.inf).deviation).max()
-    before, after = results.payload_change
-    delta, k = before - after, SHOWN_CABLE - 1
+    (before, after, delta), k = results.payload_change.values(), SHOWN_CABLE - 1
     share = np.abs(moving.deviation / moving.dynamic).max()
     return [
         (

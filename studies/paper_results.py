@@ -54,12 +54,11 @@ class TensionResults:
         }
 
     @property
-    def payload_change(self) -> tuple[ErrorStatistics, ErrorStatistics]:
-        """Statistics of the third simulation before and after the load is added."""
-        return (
-            ErrorStatistics.of(self.third.between(0.0, ADDED_AT).deviation),
-            ErrorStatistics.of(self.third.between(ADDED_AT, np.inf).deviation),
-        )
+    def payload_change(self) -> dict[str, ErrorStatistics]:
+        """Statistics of the third simulation before and after the load is added, and by how much they differ."""
+        before = ErrorStatistics.of(self.third.between(0.0, ADDED_AT).deviation)
+        after = ErrorStatistics.of(self.third.between(ADDED_AT, np.inf).deviation)
+        return {"before": before, "after": after, "delta": before - after}
 
 
 LoopResults = dict[Case, LoopRecord]
@@ -88,19 +87,16 @@ def write_tension_tables(results: TensionResults, robot: Robot, directory: Path)
     ]
     names = [f"{what}_{k}_N" for what in ("dynamic", "deviation") for k in cables]
     _write(directory / "figure_08.csv", ["simulation", "time_s", "payload_kg", *names], rows)
-    rows = [
-        [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
-        for name, one in results.accelerating.items()
-        for k in cables
-    ]
-    _write(directory / "figure_09.csv", ["simulation", "cable", "max_N", "median_N", "rms_N"], rows)
-    before, after = results.payload_change
-    rows = [
-        [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
-        for name, one in (("before", before), ("after", after), ("delta", before - after))
-        for k in cables
-    ]
-    _write(directory / "figure_10.csv", ["interval", "cable", "max_N", "median_N", "rms_N"], rows)
+    for number, kind, statistics in (
+        ("09", "simulation", results.accelerating),
+        ("10", "interval", results.payload_change),
+    ):
+        rows = [
+            [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
+            for name, one in statistics.items()
+            for k in cables
+        ]
+        _write(directory / f"figure_{number}.csv", [kind, "cable", "max_N", "median_N", "rms_N"], rows)
 
 
 def write_loop_tables(results: LoopResults, robot: Robot, directory: Path) -> None:

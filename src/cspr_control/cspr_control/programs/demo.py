@@ -223,7 +223,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                 children.start(
                     "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
                 )
-            run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
+            run.wait("starting", lambda: not client.missing, 120.0, lambda: client.missing)
             run.enable(30.0)
             run.pause("measuring the load", 2.0)
             run.call("/trajectory_publisher/start", 10.0)

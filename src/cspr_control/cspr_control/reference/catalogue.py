@@ -42,10 +42,8 @@ class TrajectoryOptions:
         Limits of `PointToPoint` motions.
     goal
         Where ``move`` leads.
-    blend_time
-        Time from rest to full pace of the smooth trajectories, s.
-    hold_duration
-        How long ``hold`` lasts, s.
+    blend_time, hold_duration
+        In s, see `cspr_msgs_py.parameters.table`.
     """
 
     limits: MotionLimits
