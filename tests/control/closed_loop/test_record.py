@@ -19,17 +19,7 @@ def test_the_summary_of_a_run():
     error = np.radians(np.linspace(-10.0, 10.0, time.size)[:, None] * np.ones(8))
     nothing = np.zeros_like(error)
     scenario = Scenario(Controller.PDFF, True, TrajectoryName.SMOOTH_19, latency=0.0015)
-    arrays = (
-        time,
-        error,
-        nothing,
-        nothing,
-        nothing,
-        nothing,
-        estimate,
-        np.ones_like(time, dtype=bool),
-        truth,
-    )
+    arrays = (time, error, nothing, nothing, nothing, nothing, estimate, truth)
     said = LoopRecord(scenario, *arrays, simulated=10.0, elapsed=1.0, cause="").summary()
     stored = said.as_mapping()
     assert stored["max_position_error_deg"] == pytest.approx([10.0] * 8)

@@ -45,7 +45,7 @@ class Experiment:
     @property
     def label(self) -> str:
         """The controller in words."""
-        return controller_label(self.controller, self.exact_mass)
+        return controller_label(self.controller.value, self.exact_mass)
 
     def loads(self) -> Iterator[tuple[float, float]]:
         """Yield when the load changes, s after the start of the trajectory, and the mass aboard from then on, kg."""
