@@ -176,7 +176,7 @@ SCENARIOS = (
     FaultScenario("drive in the wrong mode", _inject(InjectedFault.DRIVE_WRONG_MODE), "motor_3"),
     FaultScenario("drive reports EMCY", _inject(InjectedFault.DRIVE_EMERGENCY), "motor_3"),
     _drum_turns("drive runs away", _inject(InjectedFault.DRIVE_RUNAWAY), "motor_3 applies"),
-    _drum_turns("winch blocked", _inject(InjectedFault.WINCH_BLOCKED), "motor_3", held=False),
+    _drum_turns("winch blocked", _inject(InjectedFault.WINCH_BLOCKED), "motor_3", towards=-1.0, held=False),
     _drum_turns("controller without torque", _answer(lambda torque: 0.0), "motor_3"),
     FaultScenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "cable_3"),
     FaultScenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "cable_3"),
