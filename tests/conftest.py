@@ -12,6 +12,7 @@ import socket
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.detection import is_hypothesis_test  # where both supported releases have it
 
 # Clear of the default 0 and the demo's 33; from 102 on, other programs use the ports.
 DOMAINS = range(50, 100)
@@ -54,10 +55,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out, of several rounds, what would do the same in each."""
     if config.getoption("rounds") > 1:
-        drawing = {
-            item: getattr(item.obj, "is_hypothesis_test", False) or "seed" in item.fixturenames
-            for item in items
-        }
+        drawing = {item: is_hypothesis_test(item.obj) or "seed" in item.fixturenames for item in items}
         config.hook.pytest_deselected(items=[item for item in items if not drawing[item]])
         items[:] = [item for item in items if drawing[item]]
 
