@@ -11,7 +11,8 @@ import signal
 import socket
 
 import pytest
-from hypothesis import is_hypothesis_test, settings
+from hypothesis import settings
+from hypothesis.internal.detection import is_hypothesis_test  # where both supported releases have it
 
 # Clear of the default 0 and the demo's 33; from 102 on, other programs use the ports.
 DOMAINS = range(50, 100)
@@ -44,8 +45,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Give a test that takes a `seed` one for each round."""
-    if "seed" in metafunc.fixturenames:
+    """Give a test that takes a `seed`, and does not say which, one for each round."""
+    said = any(mark.args[0] == "seed" for mark in metafunc.definition.iter_markers("parametrize"))
+    if "seed" in metafunc.fixturenames and not said:
         first, rounds = metafunc.config.getoption("seed"), metafunc.config.getoption("rounds")
         metafunc.parametrize("seed", range(first, first + rounds), scope="session")
 

@@ -109,6 +109,7 @@ class LoopRecorder:
         components: dict[str, Any] = dict(loop.graph.components)
         self._feedforward = components["feedforward"]
         self._estimator = components["mass_estimator"].estimator
+        self._motors = loop.motors
         self._setpoint: JointStateSample | None = None
         self._cycles: list[_Cycle] = []
         loop.listeners.append(self._listen)
@@ -140,7 +141,7 @@ class LoopRecorder:
         elif topic is MOTOR_STATES:
             if self._setpoint is not None and self._loop.player.start_time:
                 self._keep(sample, self._setpoint)
-        elif self._cycles and (motor := self._loop.motors.get(topic.name)) is not None:
+        elif (motor := self._motors.get(topic.name)) is not None and self._cycles:
             self._cycles[-1].torque[motor] = sample.effort
 
     def _keep(self, states: JointStateSample, setpoint: JointStateSample) -> None:

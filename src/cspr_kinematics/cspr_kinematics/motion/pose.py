@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Self
 
 import numpy as np
@@ -158,6 +159,7 @@ class _LinearAngular(ReadOnlyArrays):
         self._set(linear=frozen(v), angular=frozen(omega))
 
     @classmethod
+    @cache
     def zero(cls) -> Self:
         """Return that of a platform at rest or, of an acceleration, in uniform translation too."""
         return cls(np.zeros(3), np.zeros(3))
