@@ -23,8 +23,9 @@ from cspr_control.parameters.control_settings import control_settings
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
-from cspr_kinematics import Payload, Pose
+from cspr_kinematics import Payload, Pose, Robot
 from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
 _MEASURING = 2.0  # s for the load to be measured before the trajectory begins
@@ -37,12 +38,13 @@ Progress = Callable[[str, float], None]
 
 def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
     """Make the closed loop of a scenario; it has not begun."""
-    robot = scenario.read_robot()
+    robot = Robot.from_yaml(scenario.config / scenario.robot)
     settings = control_settings(robot, scenario.read_parameters())
     time, simulation = SimulatedTime(), scenario.read_machine()
     machine: Machine
     if scenario.devices:
-        machine = SimulatedRobot(time, scenario.read_buses(), simulation, scenario.config / "eds")
+        buses = CanConfig.from_yaml(scenario.config / scenario.buses)
+        machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
         machine = BarePlant(time, simulation, settings.period)
     return ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)

@@ -11,10 +11,9 @@ import numpy as np
 
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import Experiment
-from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.simulation.fault_injection import InjectedFault
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload, Pulleys, Robot
+from cspr_kinematics import Payload, Pulleys
 from cspr_msgs_py.bag.bag_file import Attachment
 from cspr_msgs_py.parameters.file import ParameterFile
 
@@ -91,10 +90,6 @@ class Scenario(Experiment):
         """From the motor states to the arrival of the torques at the driver, s."""
         return self.latency or (_LATENCY if self.devices else _LATENCY_WITH_BUS)
 
-    def read_robot(self) -> Robot:
-        """Read the robot as the controllers believe it to be."""
-        return Robot.from_yaml(self.config / self.robot)
-
     def read_parameters(self) -> ParameterFile:
         """Read control.yaml, with what is otherwise in this run."""
         parameters = ParameterFile.from_yaml(self.config / "control.yaml")
@@ -116,10 +111,6 @@ class Scenario(Experiment):
         return [
             replace(file, data=control) if Path(file.name).name == "control.yaml" else file for file in files
         ]
-
-    def read_buses(self) -> CanConfig:
-        """Read buses and devices."""
-        return CanConfig.from_yaml(self.config / self.buses)
 
     def read_machine(self) -> SimulationConfig:
         """Read simulation.yaml, with what is otherwise in this run."""

@@ -166,13 +166,7 @@ class Page {
         c.fillStyle = EVENT_COLORS[event.kind];
         const place = x(event.time);
         if (event.kind === "state") c.fillRect(place - 0.5, top, 1, row - 4);
-        else {
-          c.beginPath();
-          c.moveTo(place, top + 9);
-          c.lineTo(place - 4, top);
-          c.lineTo(place + 4, top);
-          c.fill();
-        }
+        else c.fill(new Path2D(`M ${place} ${top + 9} l -4 -9 h 8 Z`));
       }
     });
     c.strokeStyle = "rgba(0, 114, 178, 0.7)";
@@ -183,17 +177,17 @@ class Page {
   }
 
   showTip(event, title, rows, events) {
-    const lines = rows.map(([color, name, value]) => {
-      const mark = make("i");
+    this.tip.replaceChildren(element("b", "", title));
+    for (const [color, name, value] of rows) {
+      const mark = element("i");
       mark.style.background = color;
-      return make("div", "", mark, `${name}: ${value}`);
-    });
-    const happenings = events.map((happened) => {
-      const line = make("div", "tip-event", `${secondsText(happened.time)} ${happened.text}`);
+      this.tip.append(element("div", "", mark, `${name}: ${value}`));
+    }
+    for (const happened of events) {
+      const line = element("div", "tip-event", `${secondsText(happened.time)} ${happened.text}`);
       line.style.color = EVENT_COLORS[happened.kind];
-      return line;
-    });
-    this.tip.replaceChildren(make("b", "", title), ...lines, ...happenings);
+      this.tip.append(line);
+    }
     this.tip.hidden = false;
     const box = this.tip.getBoundingClientRect();
     const left = event.clientX + 16 + box.width > window.innerWidth ? event.clientX - box.width - 16 : event.clientX + 16;
@@ -213,28 +207,19 @@ class Page {
     place.hidden = remarks.length === 0;
     place.open = remarks.length <= SHOWN_REMARKS; // more of them would stand before everything else
     place.querySelector("summary").textContent = remarks.length === 1 ? "1 remark" : `${remarks.length} remarks`;
-    place.querySelector("ul").append(...remarks.map((remark) => make("li", "", remark)));
+    place.querySelector("ul").append(...remarks.map((remark) => element("li", "", remark)));
   }
 
   buildSummary() {
-    this.fillTable("summary-table", this.runs.map((run) => run.title), this.report.summary);
     const motors = [...Array(this.report.motors).keys()].map((k) => String(k + 1));
-    this.fillTable("motor-table", motors, this.report.by_motor);
-  }
-
-  fillTable(id, titles, rows) {
-    const table = document.getElementById(id);
-    table.createTHead().insertRow().append(make("th"), ...titles.map((title) => make("th", "", title)));
-    const body = table.createTBody();
-    for (const [name, values] of rows) {
-      body.insertRow().append(make("th", "", name), ...values.map((value) => make("td", "", value)));
-    }
+    fillTable("summary-table", this.runs.map((run) => run.title), this.report.summary);
+    fillTable("motor-table", motors, this.report.by_motor);
   }
 
   buildMotors() {
     const bar = document.getElementById("motors");
     for (let k = 0; k < this.report.motors; k++) {
-      const button = make("button", "motor", String(k + 1));
+      const button = element("button", "motor", String(k + 1));
       button.dataset.motor = String(k + 1);
       button.title = `show or hide motor and cable ${k + 1} (alt: all others)`;
       button.style.setProperty("--color", this.report.colours[k % this.report.colours.length]);
@@ -295,10 +280,10 @@ class Page {
     all.sort((a, b) => a.time - b.time);
     for (const event of all) {
       const row = body.insertRow();
-      const kind = make("span", "kind", event.kind);
+      const kind = element("span", "kind", event.kind);
       kind.style.background = EVENT_COLORS[event.kind];
       row.insertCell().append(kind);
-      const time = make("button", "link", secondsText(event.time));
+      const time = element("button", "link", secondsText(event.time));
       time.addEventListener("click", () => this.setTime(event.time));
       row.insertCell().append(time);
       row.insertCell().textContent = many ? `${event.run}: ${event.text}` : event.text;
@@ -308,14 +293,26 @@ class Page {
   buildConfiguration() {
     const place = document.getElementById("configuration");
     for (const run of this.runs) {
-      const facts = Object.entries(run.information).flatMap(([key, value]) => [make("dt", "", key), make("dd", "", value)]);
-      place.append(make("h3", "", run.title), make("dl", "", ...facts));
-      for (const [name, text] of Object.entries(run.configuration)) {
-        place.append(make("details", "", make("summary", "", name), make("pre", "", text)));
-      }
+      const facts = Object.entries(run.information);
+      place.append(
+        element("h3", "", run.title),
+        element("dl", "", ...facts.flatMap(([key, value]) => [element("dt", "", key), element("dd", "", value)])),
+        ...Object.entries(run.configuration).map(([name, text]) =>
+          element("details", "", element("summary", "", name), element("pre", "", text))),
+      );
     }
-    for (const difference of this.report.differences) place.prepend(make("p", "difference", difference));
+    for (const difference of this.report.differences) place.prepend(element("p", "difference", difference));
   }
+}
+
+// `rows`: pairs of a name and the values in the columns.
+function fillTable(id, columns, rows) {
+  const table = document.getElementById(id);
+  const add = (section, cell, name, values) =>
+    section.insertRow().append(element("th", "", name), ...values.map((value) => element(cell, "", value)));
+  add(table.createTHead(), "th", "", columns);
+  const body = table.createTBody();
+  for (const [name, values] of rows) add(body, "td", name, values);
 }
 
 // ---------------------------------------------------------------------- the charts
@@ -346,10 +343,9 @@ function buildCharts(page) {
       note: "Fig. 7 of the paper. Dashed: reference; solid: forward kinematics of the motor angles." },
     (run) => [
       ...["x", "y", "z"].flatMap((axis, k) => [
-        run.blocks.pose && { name: axis, color: AXIS_COLORS[k], motor: null, block: run.blocks.pose, column: k },
+        run.blocks.pose && { name: axis, color: AXIS_COLORS[k], block: run.blocks.pose, column: k },
         run.blocks.reference &&
-          { name: `${axis}, reference`, color: AXIS_COLORS[k], dash: [5, 4], motor: null, block: run.blocks.reference,
-            column: k },
+          { name: `${axis}, reference`, color: AXIS_COLORS[k], dash: [5, 4], block: run.blocks.reference, column: k },
       ]).filter(Boolean),
     ],
   );
@@ -399,8 +395,8 @@ function buildCharts(page) {
       id: "motor-3", title: `Position error of motor ${chosen + 1}, all runs`, unit: "error, deg", height: 280,
       note: "Fig. 12: one line a controller.",
       panels: [{ run: null, series: compared.map((run) => ({
-        name: run.title, color: run.color, dash: run.dashed ? [6, 4] : null, motor: null, block: run.blocks.errors,
-        column: chosen })) }],
+        name: run.title, color: run.color, dash: run.dashed ? [6, 4] : null, block: run.blocks.errors, column: chosen,
+      })) }],
     }));
   }
   lines(
@@ -424,8 +420,8 @@ function buildCharts(page) {
   lines(
     { id: "mass", title: "Payload", unit: "mass, kg", note: "Estimated in real time from the load cells; dashed: true." },
     (run) => [
-      run.blocks.estimate && { name: "estimated", color: run.color, motor: null, block: run.blocks.estimate, column: 0 },
-      run.blocks.truth && { name: "true", color: "#66707c", dash: [6, 4], motor: null, block: run.blocks.truth, column: 0,
+      run.blocks.estimate && { name: "estimated", color: run.color, block: run.blocks.estimate, column: 0 },
+      run.blocks.truth && { name: "true", color: "#66707c", dash: [6, 4], block: run.blocks.truth, column: 0,
         step: true },
     ].filter(Boolean),
   );
