@@ -40,11 +40,6 @@ def _milliseconds(age: float) -> str:
     return f"{1e3 * age:.1f}" if math.isfinite(age) else ""
 
 
-def not_configured(node: str) -> Status:
-    """Return the status of a driver that has not opened its buses."""
-    return Status.of(node, Level.WARN, "not configured: no bus is open", {})
-
-
 def drive_diagnostics(report: DriveReport) -> list[Status]:
     """Return the health of the driver of the drives."""
     return [_driver_diagnostics(report), *_each_drive(report)]

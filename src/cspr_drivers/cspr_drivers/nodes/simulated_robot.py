@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import InertiaStamped
@@ -18,10 +18,9 @@ from std_srvs.srv import Trigger
 from cspr_drivers.clock import COMPUTER, SlowClock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
-from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
-from cspr_drivers.nodes.driver_node import load_config
+from cspr_drivers.nodes.can_drives import CanDrives
+from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, load_config
 from cspr_drivers.nodes.load_cells import LoadCells
-from cspr_drivers.simulation.plant.shared import PlantModel
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
@@ -31,6 +30,9 @@ from cspr_msgs_py.runtime.process import Diagnostics, run_nodes, sample_publishe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import InertiaSample, Status
+
+if TYPE_CHECKING:
+    from cspr_drivers.simulation.plant.plant import Plant
 
 _PAYLOAD_PERIOD = 0.02  # s
 _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn
@@ -169,7 +171,7 @@ def create_nodes(**options: Any) -> list[Node]:
     return [drives, LoadCells(simulated.config, drives.shared_ports, **options), simulated]
 
 
-def _plant(simulation: SimulationConfig) -> PlantModel:
+def _plant(simulation: SimulationConfig) -> Plant:
     try:
         from cspr_drivers.simulation.plant.plant import Plant
     except ImportError as error:

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import can
 import canopen
@@ -24,9 +25,12 @@ from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.fault_injection import FaultInjector, FaultOrder
-from cspr_drivers.simulation.plant.shared import PlantModel, SharedPlant
+from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload
+
+if TYPE_CHECKING:
+    from cspr_drivers.simulation.plant.plant import Plant
 
 DRIVE_EDS = "cia402_drive.eds"
 LOAD_CELL_EDS = "cia404_load_cell.eds"
@@ -87,7 +91,7 @@ class RobotEmulator:
         self,
         can_config: CanConfig,
         simulation: SimulationConfig,
-        plant: PlantModel,
+        plant: Plant,
         eds_directory: Path,
         bus_timing: bool = False,
         clock: Clock = COMPUTER,

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from cspr_drivers.config.file_errors import as_configuration_error
 from cspr_kinematics import Payload, RigidBody, Robot
-from cspr_kinematics.arrays import frozen
 from cspr_kinematics.configuration.structure import (
     NotNegative,
     Positive,
@@ -25,8 +22,6 @@ from cspr_kinematics.configuration.structure import (
 from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import ConfigurationFileError
 from cspr_kinematics.robot.robot_description import PulleysEntry
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -89,10 +84,10 @@ class LoadCellProperties:
         From SYNC, at which the tension is latched, to the amplifier's answer, s.
     """
 
-    noise_std: float
-    gain_error: FloatArray
-    offset: FloatArray
-    conversion_time: float = 0.0
+    noise_std: NotNegative
+    gain_error: list[float]
+    offset: list[float]
+    conversion_time: NotNegative
 
 
 @dataclass(frozen=True)
@@ -149,16 +144,6 @@ class _TrueValues:
 
 
 @dataclass(frozen=True)
-class _LoadCellEntry:
-    """As `LoadCellProperties`."""
-
-    noise_std: NotNegative
-    gain_error: list[float]
-    offset: list[float]
-    conversion_time: NotNegative
-
-
-@dataclass(frozen=True)
 class _PayloadEntry:
     """Mass in kg, its centre in m in platform axes."""
 
@@ -182,7 +167,7 @@ class _File:
     cables: CableProperties
     brake: BrakeProperties
     drive: DriveProperties
-    load_cells: _LoadCellEntry
+    load_cells: LoadCellProperties
     payload: _PayloadEntry
     payload_changes: list[_PayloadChangeEntry]
     # the fastest mode, the platform turning on its cables, is near 100 Hz
@@ -204,12 +189,7 @@ def _config(file: _File, path: Path) -> SimulationConfig:
         cables=file.cables,
         brake=file.brake,
         drive=file.drive,
-        load_cells=LoadCellProperties(
-            file.load_cells.noise_std,
-            frozen(np.array(file.load_cells.gain_error)),
-            frozen(np.array(file.load_cells.offset)),
-            file.load_cells.conversion_time,
-        ),
+        load_cells=file.load_cells,
         payload=Payload(file.payload.mass, file.payload.center_of_mass),
         payload_changes=tuple(PayloadChange(c.time, Payload(c.mass, c.center_of_mass)) for c in changes),
         time_step=file.time_step,
