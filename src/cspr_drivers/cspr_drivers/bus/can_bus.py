@@ -9,6 +9,7 @@ import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 
 import can
 import canopen
@@ -96,7 +97,7 @@ class CanPort:
         # Both clocks are read together at each SYNC, see `note_sync`.
         self._wall_to_monotonic = clock.monotonic() - clock.system()
         # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
-        self.network.listeners[:] = [_Receiver(self)]
+        self.network.listeners[:] = [Receiver(self.receive, self.receive_failed)]
         self.network.connect()
         self._forget_failure()
 
@@ -224,17 +225,16 @@ class CanPort:
         return then if now - 1.0 < then < now else now
 
 
-class _Receiver:
-    """Called by python-can's receiving thread, for one port."""
+@dataclass(frozen=True)
+class Receiver:
+    """What python-can's receiving thread calls with frames, and with errors of the interface."""
 
-    def __init__(self, port: CanPort) -> None:
-        self._port = port
+    take: Callable[[can.Message], None]
+    on_error: Callable[[Exception], None]
 
     def __call__(self, message: can.Message) -> None:
-        self._port.receive(message)
-
-    def on_error(self, error: Exception) -> None:
-        self._port.receive_failed(error)
+        """Take a frame."""
+        self.take(message)
 
 
 class CanPorts:

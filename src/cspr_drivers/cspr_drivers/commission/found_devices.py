@@ -120,7 +120,7 @@ def scan(port: CanPort, master_node_id: int, wait: float) -> list[FoundDevice]:
 
 def _described(port: CanPort, nodes: list[int], timeout: float) -> Iterator[FoundDevice]:
     for node in nodes:
-        device = CanopenDevice(f"node {node} on {port.name}", port, node, timeout, on_boot=lambda: None)
+        device = CanopenDevice(f"node {node} on {port.name}", port, node, timeout)
         try:
             profile = device.read(Parameter(0x1000, 0, 32, 0, "device type")) & 0xFFFF
             values = [

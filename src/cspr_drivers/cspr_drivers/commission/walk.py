@@ -345,7 +345,6 @@ class Walk:
                 self._machine.ports[found.bus],
                 found.node_id,
                 self._config.timeouts.sdo,
-                on_boot=lambda: None,
             )
         return self._devices[place]
 

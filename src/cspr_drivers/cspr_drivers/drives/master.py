@@ -14,9 +14,10 @@ from functools import partial
 
 from cspr_drivers.bus.can_bus import CanPort, CanPorts, CyclicFrame, FrameHandler
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
+from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
-from cspr_drivers.devices.device import CanopenDevice, NmtCommand
+from cspr_drivers.devices.device import CanopenDevice
 from cspr_drivers.devices.setup import set_up_drive
 from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.drives.cycle import DriveCycle

@@ -10,10 +10,11 @@ from functools import partial
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
+from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.clock import Thread
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.devices.device import CanopenDevice, NmtCommand
-from cspr_drivers.devices.settings import load_cell_tare
+from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.devices.settings import LOAD_CELL_TARE
 from cspr_drivers.devices.setup import set_up_load_cell
 from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.errors import DeviceError
@@ -190,7 +191,7 @@ class LoadCellMaster:
         result = "all load cells tared"
         for device in self._devices:
             try:
-                device.write(load_cell_tare())
+                device.write(LOAD_CELL_TARE)
             except DeviceError as error:
                 result = f"taring failed: {error}"
                 break

@@ -84,8 +84,8 @@ class SimulatedRobot(Node):
         super().destroy_node()
 
     def _watch(self) -> None:
-        if self._emulator.failure is not None:
-            raise self._emulator.failure
+        if self._emulator.machine.failure is not None:
+            raise self._emulator.machine.failure
         payload = self._emulator.payload
         self._send_payload(InertiaSample(self.clock.system_ns(), payload.mass, payload.center_of_mass))
         slack = self._emulator.slack_cables()
@@ -112,7 +112,7 @@ class SimulatedRobot(Node):
         for parameter in parameters:
             if parameter.name == "fault" and parameter.value:
                 try:
-                    self._emulator.read_fault(parameter.value)
+                    self._emulator.faults.read(parameter.value)
                 except DriverError as error:
                     return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -120,18 +120,18 @@ class SimulatedRobot(Node):
     def _inject_fault(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         text = self.get_parameter("fault").value
         try:
-            order = self._emulator.read_fault(text)
+            order = self._emulator.faults.read(text)
         except DriverError as error:
             response.message = f"set the parameter fault first: {error}"
             return response
-        self._emulator.inject(order)
+        self._emulator.faults.inject(order)
         response.success = True
         response.message = f"{text}: {order.fault.meaning}"
         self.get_logger().warning(f"fault injected: {response.message}")
         return response
 
     def _clear_faults(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._emulator.clear_faults()
+        self._emulator.faults.clear()
         response.success = True
         response.message = "all injected faults are gone; what is latched stays latched"
         self.get_logger().info(response.message)

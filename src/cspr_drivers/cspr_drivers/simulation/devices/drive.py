@@ -13,8 +13,9 @@ from cspr_drivers.canopen.cia402 import (
     STATUS_BITS,
     State,
 )
+from cspr_drivers.canopen.nmt import NmtState
 from cspr_drivers.config.can_config import DriveConfig
-from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, NmtState, SdoAbort
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, DriveTiming, OptionCodes, Phase
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.plant.shared import SharedPlant

@@ -14,8 +14,9 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo import SdoAbortedError
 
 from cspr_drivers.canopen.frame_table import NMT_COB_ID, FunctionCode, cob_id
+from cspr_drivers.canopen.nmt import NmtCommand, NmtState
 from cspr_drivers.errors import FrameError
-from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, NmtCommand, NmtState, SdoAbort
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 from cspr_drivers.simulation.devices.error_log import ErrorLog
 from cspr_drivers.simulation.devices.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from cspr_drivers.simulation.devices.pdo_configuration import Direction, PdoConfiguration, find_object
