@@ -93,7 +93,7 @@ class SimulatedRobot:
         }
         for name, line in self._buses.items():
             self._emulated.join(name, line.network)
-        timings = {name: line.timing for name, line in self._buses.items()}
+        timings = {name: line.timing.disturb for name, line in self._buses.items()}
         self.faults = FaultInjector(self.devices, self.amplifiers, self.machine, timings)
         self.publish: Publish = lambda topic, sample: None
         self.on_tick: Callable[[], None] = lambda: None

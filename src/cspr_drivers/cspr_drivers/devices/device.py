@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable
 from queue import Empty
 from typing import Any
@@ -134,23 +135,11 @@ class CanopenDevice:
                 )
 
     def differing(self, settings: Iterable[Setting]) -> list[Setting]:
-        """Return the settings of which some object does not have its value yet.
-
-        Raises
-        ------
-        DeviceError
-            If the device does not answer, or refuses.
-        """
+        """Return the settings of which some object does not have its value yet; raises as `read`."""
         return [setting for setting in settings if not all(map(self._agrees, setting.result))]
 
     def write(self, parameter: Parameter) -> None:
-        """Write an object.
-
-        Raises
-        ------
-        DeviceError
-            If the device does not answer, or refuses.
-        """
+        """Write an object; raises as `read`."""
         attempts = _ATTEMPTS if parameter.repeatable else 1
         self._transfer(parameter, f"= {parameter.value}", attempts, self._node.sdo.download, parameter.data)
 
@@ -205,13 +194,7 @@ class CanopenDevice:
             self._started = self.clock.monotonic()
 
     def leave_stopped(self) -> None:
-        """Let a device that somebody has stopped answer SDO requests again (CiA 301, section 7.3.2.2.4).
-
-        Raises
-        ------
-        DeviceError
-            As `command`.
-        """
+        """Let a stopped device answer SDO requests again (CiA 301, section 7.3.2.2.4); raises as `command`."""
         if self._nmt_state == NmtState.STOPPED:
             self.command(NmtCommand.ENTER_PRE_OPERATIONAL)
 
@@ -272,6 +255,13 @@ class CanopenDevice:
                     raise DeviceError(self.name, "does not answer") from None
             except can.CanError as error:
                 raise DeviceError(self.name, f"cannot be reached: {error}") from None
+
+
+def leave_operational(devices: Iterable[CanopenDevice]) -> None:
+    """Let devices leave NMT operational, as far as the bus takes frames; they notice the missing heartbeat anyway."""
+    with contextlib.suppress(DeviceError):
+        for device in devices:
+            device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
 
 
 def abort_text(code: int) -> str:

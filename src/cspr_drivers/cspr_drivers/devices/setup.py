@@ -9,7 +9,7 @@ from cspr_drivers.canopen.frame_table import DIGITAL_INPUTS, STATUS_WORD
 from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.canopen.object_entry import Parameter, Setting
 from cspr_drivers.canopen.pdo_parameters import out_of_use
-from cspr_drivers.canopen.velocity_unit import INCREMENTS, velocity_unit
+from cspr_drivers.canopen.units import INCREMENTS, velocity_unit
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.config.identity import Identity
 from cspr_drivers.devices.device import CanopenDevice

@@ -15,12 +15,11 @@ from cspr_drivers.canopen.nmt import NmtState
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_watch import CycleWatch
 from cspr_drivers.devices.setup import DriveFacts
-from cspr_drivers.drives.command_check import CommandFault
 from cspr_drivers.drives.group import IN_MOTION, DriveGroup
 from cspr_drivers.drives.home_position import with_home
 from cspr_drivers.drives.motor_feedback import MotorFeedback
 from cspr_drivers.drives.report import MotorStates
-from cspr_drivers.drives.torque_frames import Frame, TorqueFrame
+from cspr_drivers.drives.torque_frames import CommandFault, Frame, TorqueFrame
 from cspr_drivers.drives.torque_watch import TorqueWatch
 from cspr_msgs_py.vocabulary import DriverState
 

@@ -14,10 +14,9 @@ from functools import partial
 
 from cspr_drivers.bus.can_bus import CanPort, CanPorts, CyclicFrame, FrameHandler
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
-from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
-from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.devices.device import CanopenDevice, leave_operational
 from cspr_drivers.devices.setup import set_up_drive
 from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.drives.cycle import DriveCycle
@@ -137,11 +136,7 @@ class DriveMaster:
     def _leave_drives(self) -> None:
         self.come_to_rest()
         self._setup.stop()
-        for device in self._devices:
-            try:
-                device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
-            except DeviceError:
-                break  # the bus takes no frames; the drives notice the missing heartbeat
+        leave_operational(self._devices)
         self.cycle_clock.stop()
         self._ports.off_sync(self._cycle.sync)
         for port, failure in self._failures:

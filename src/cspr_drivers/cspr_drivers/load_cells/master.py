@@ -10,10 +10,9 @@ from functools import partial
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
-from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.clock import Thread
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.devices.device import CanopenDevice, leave_operational
 from cspr_drivers.devices.settings import LOAD_CELL_TARE
 from cspr_drivers.devices.setup import set_up_load_cell
 from cspr_drivers.devices.setup_thread import SetupThread
@@ -116,11 +115,7 @@ class LoadCellMaster:
         self._setup.stop()
         if self._taring is not None:
             self._taring.join(timeout=2.0)
-        for device in self._devices:
-            try:
-                device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
-            except DeviceError:
-                break  # the bus takes no frames
+        leave_operational(self._devices)
         self._ports.off_sync(self._cycle.sync)
         for device, cell in zip(self._devices, self._config.load_cells, strict=True):
             device.release()

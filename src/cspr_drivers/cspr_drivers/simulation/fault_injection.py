@@ -11,7 +11,7 @@ from enum import Enum
 from functools import partial
 
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.bus.bus_timing import BusDisturbance, Disturbable
+from cspr_drivers.simulation.bus.bus_timing import BusDisturbance
 from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode
 from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
@@ -120,7 +120,7 @@ class FaultInjector:
     machine
         What they share.
     buses
-        The buses by name.
+        What disturbs each bus from now on, by its name.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class FaultInjector:
         drives: Sequence[DriveEmulator],
         load_cells: Sequence[LoadCellEmulator],
         machine: SharedPlant,
-        buses: Mapping[str, Disturbable],
+        buses: Mapping[str, Callable[[BusDisturbance], None]],
     ) -> None:
         self._drives = drives
         self._load_cells = load_cells
@@ -173,9 +173,9 @@ class FaultInjector:
         with self._machine.lock:
             fault, place = order.fault, order.place
             if fault.target is FaultTarget.BUS:
-                bus = self._buses[str(place)]
-                bus.disturb(BusDisturbance[fault.value.removeprefix("bus_").upper()])
-                self._remedies.append(lambda: bus.disturb(BusDisturbance.NONE))
+                disturb = self._buses[str(place)]
+                disturb(BusDisturbance[fault.value.removeprefix("bus_").upper()])
+                self._remedies.append(partial(disturb, BusDisturbance.NONE))
             elif fault in _FLAGS:
                 devices = self._drives if fault.target is FaultTarget.MOTOR else self._load_cells
                 self._set(devices[int(place)], *_FLAGS[fault])
@@ -196,7 +196,7 @@ class FaultInjector:
 
     def _harm(self, fault: InjectedFault, index: int) -> Callable[[], None] | None:
         """Inject a fault that is more than a flag of a device; return what repairs it, `None` if it is momentary."""
-        drive, cell = self._drives[index], self._load_cells[index]
+        drive = self._drives[index]
         machine, plant = self._machine, self._machine.plant
         match fault:
             case InjectedFault.DRIVE_RESET:
@@ -211,6 +211,7 @@ class FaultInjector:
                 plant.weaken_brake(index, _WEAK_BRAKE)
                 return partial(plant.weaken_brake, index, 1.0)
             case InjectedFault.LOAD_CELL_DRIFTING:
+                cell = self._load_cells[index]
                 cell.drift(_DRIFT)
                 return partial(cell.drift, 0.0)
             case InjectedFault.CABLE_SLACK:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import traceback
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
@@ -20,6 +21,7 @@ from cspr_drivers.canopen.frame_table import SYNC_COB_ID
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import BusError, DriverError
+from cspr_drivers.simulation.bus.bus_timing import BusDisturbance
 from cspr_drivers.simulation.bus.timed_bus import TimedBus
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.emulated_devices import EmulatedDevices
@@ -87,7 +89,7 @@ class RobotEmulator(EmulatedDevices):
         # need not wait for the plant.
         self.machine.inputs_at_once = 2 * len(self.drives)
         self._networks: list[canopen.Network] = []
-        buses: dict[str, TimedBus] = {}
+        buses: dict[str, Callable[[BusDisturbance], None]] = {}
         self.missed_syncs = 0
         self._last_tick = 0.0
         self._stopping = threading.Event()
@@ -104,7 +106,7 @@ class RobotEmulator(EmulatedDevices):
                     network.bus = TimedBus(
                         network.bus, bus.bitrate, partial(self._deliver, network), bus_timing, clock
                     )
-                    buses[bus.name] = network.bus
+                    buses[bus.name] = network.bus.disturb
                 else:
                     network.NOTIFIER_CYCLE = _LONGEST_CLOSING
                     network.listeners[:] = [

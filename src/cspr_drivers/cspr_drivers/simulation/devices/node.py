@@ -96,7 +96,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         self.writers: dict[tuple[int, int], Callable[[int], None]] = {
             (0x1003, 0): self._clear_error_history,
             (0x1016, 1): self._watch_heartbeat,
-            (0x1017, 0): self._produce_heartbeat,
+            (0x1017, 0): self._heartbeat.produce,
         }
 
     # What an application adds
@@ -185,7 +185,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             del self.data_store[index]
         for (index, subindex), value in self._nameplate.items():
             self._store(index, subindex, value)
-        self._produce_heartbeat(0)
+        self._heartbeat.produce(0)
         self._watch_heartbeat(0)
         self._install_pdos()
         self._send(cob_id(FunctionCode.HEARTBEAT, self.id), bytes([NmtState.BOOT_UP]))
@@ -330,9 +330,6 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         for pdo in self._receive_pdos.values():
             if pdo.overdue(time):
                 self.connection_lost(EmergencyCode.RPDO_TIMEOUT, time)
-
-    def _produce_heartbeat(self, milliseconds: int) -> None:
-        self._heartbeat.milliseconds = milliseconds
 
     def _watch_heartbeat(self, value: int) -> None:
         node_id, milliseconds = value >> 16, value & 0xFFFF

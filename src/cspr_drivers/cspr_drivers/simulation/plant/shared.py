@@ -64,6 +64,8 @@ class SharedPlant:
     ----------
     lock
         Serialises all access to the plant and to the devices around it.
+    time
+        Time to which the plant has been integrated, s.
     failure
         The error that ended the simulation, `None` while it runs.
     inputs_at_once
@@ -87,14 +89,9 @@ class SharedPlant:
         self._system_start = self._clock.system()
         self._arrived: deque[tuple[float, Callable[[], None]]] = deque()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
-        self._time = plant.time
+        self.time = plant.time
         self._measured = False
         self.newest_measurement = self.measure()
-
-    @property
-    def time(self) -> float:
-        """Time to which the plant has been integrated, s."""
-        return self._time
 
     def now(self) -> float:
         """Return the present plant time, s."""
@@ -135,7 +132,7 @@ class SharedPlant:
             If the plant cannot go on; `failure` keeps it.
         """
         self.apply_arrived(time)
-        if time - self._time <= (0.0 if exactly else _SIMULTANEOUS_INPUTS):
+        if time - self.time <= (0.0 if exactly else _SIMULTANEOUS_INPUTS):
             return
         if self.failure is not None:
             raise self.failure
@@ -148,7 +145,7 @@ class SharedPlant:
         except DriverError as error:
             self.failure = error
             raise
-        self._time = time
+        self.time = time
         self._measured = False
 
     def arrive(self, time: float, apply: Callable[[], None]) -> int:
