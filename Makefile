@@ -19,12 +19,15 @@ PYTEST := $(VENV)/bin/python -m pytest $(if $(SEED),--seed $(SEED))
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONPATH
 
-.PHONY: help demo test test-parts test-whole soak test-socketcan lint bench paper build clean
+.PHONY: help hook demo test test-parts test-whole soak test-socketcan lint bench paper build clean
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -6
 
-# The lock: environments that are made side by side would write the same files in src. The hook formats and lints what
-# is committed; whoever has hooks of their own keeps them.
+# Formats and lints what is committed; whoever has hooks of their own keeps them.
+hook:
+	@git config core.hooksPath > /dev/null 2>&1 || git config core.hooksPath .githooks 2> /dev/null || true
+
+# The lock: environments that are made side by side would write the same files in src.
 $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	@echo "== making the environment in $(VENV) (once; a few minutes)"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -34,7 +37,7 @@ $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	flock src $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation \
 		--no-deps $(PACKAGES:%=-e src/%)
 	$(VENV)/bin/python -m cspr_kinematics.warm_up config/robot.yaml
-	@git config core.hooksPath > /dev/null 2>&1 || git config core.hooksPath .githooks 2> /dev/null || true
+	@$(MAKE) --no-print-directory hook
 	@touch $@
 
 # One by one and without what they depend on: a solver that has no wheel here costs nobody else's.

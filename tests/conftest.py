@@ -44,8 +44,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Give a test that takes a `seed` one for each round."""
-    if "seed" in metafunc.fixturenames:
+    """Give a test that takes a `seed`, and does not say which, one for each round."""
+    said = any(mark.args[0] == "seed" for mark in metafunc.definition.iter_markers("parametrize"))
+    if "seed" in metafunc.fixturenames and not said:
         first, rounds = metafunc.config.getoption("seed"), metafunc.config.getoption("rounds")
         metafunc.parametrize("seed", range(first, first + rounds), scope="session")
 

@@ -31,7 +31,7 @@ setup(
         "setuptools",
         "numpy",
         "scipy",
-        "pyyaml",
+        "ruamel.yaml",
         "matplotlib",
         "cspr_drivers",
         "cspr_kinematics",

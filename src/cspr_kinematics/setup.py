@@ -8,12 +8,12 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "__init__.pyi"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "scipy", "numba", "pyyaml", "msgspec"],
+    install_requires=["setuptools", "numpy", "scipy", "numba", "ruamel.yaml", "msgspec"],
     zip_safe=False,  # compiled kernels are kept beside their sources
     maintainer="CSPR developers",
     maintainer_email="developers@example.org",

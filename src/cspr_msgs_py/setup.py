@@ -20,6 +20,7 @@ setup(
         "setuptools",
         "numpy",
         "pyyaml",
+        "ruamel.yaml",
         "mcap>=1.5",
         "mcap-ros2-support>=0.5.5",
         "zstandard",

@@ -44,6 +44,7 @@ ROSDEP_KEYS = {  # of what does not come from ROS itself: module, and the depend
     "mujoco": "python3-mujoco-pip",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "ruamel": "python3-ruamel.yaml",
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
     "zstandard": "mcap-ros2-support",

@@ -55,6 +55,27 @@ class Clone:
         return self.git("status", "--short", "--untracked-files=no").stdout
 
 
+def test_make_sets_the_hook_unless_there_are_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GIT_CONFIG_GLOBAL", os.devnull)
+
+    def hooks() -> str:
+        done = subprocess.run(
+            ["git", "config", "core.hooksPath"], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip()
+
+    def make() -> None:
+        subprocess.run(["make", "--file", ROOT / "Makefile", "hook"], cwd=tmp_path, check=True)
+
+    make()  # in no repository: no hook, and no failure
+    subprocess.run(["git", "init", "--quiet"], cwd=tmp_path, check=True)
+    make()
+    assert hooks() == ".githooks"
+    subprocess.run(["git", "config", "core.hooksPath", "mine"], cwd=tmp_path, check=True)
+    make()
+    assert hooks() == "mine"
+
+
 @pytest.fixture
 def clone(tmp_path: Path) -> Clone:
     return Clone(tmp_path)

@@ -35,6 +35,10 @@ class RobotState(StrEnum):
     FAULT = "fault"
 
 
+FOLLOWING = frozenset({RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING})
+"""States in which the motors follow, or are about to follow, the reference."""
+
+
 class DriverState(StrEnum):
     """State of the drives taken together, as their driver reports it.
 

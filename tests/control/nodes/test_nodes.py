@@ -26,6 +26,7 @@ from tests.messages import (
 
 from cspr_control.errors import ControlError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
+from cspr_control.nodes.control import create_control_nodes
 from cspr_control.nodes.feedforward import FeedforwardNode
 from cspr_control.nodes.mass_estimator import MassEstimatorNode
 from cspr_control.nodes.motor_control_gains import MotorControlGains
@@ -39,7 +40,7 @@ from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinemati
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
-from cspr_msgs_py.vocabulary import Level, PayloadSource, RobotState
+from cspr_msgs_py.vocabulary import DriverState, Level, PayloadSource, RobotState
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
@@ -645,3 +646,36 @@ def test_supervisor_that_goes_closes_the_brakes(bench):
     bench.until(called.is_set)
     leaving.join()
     node.destroy_node()
+
+
+def test_supervisor_says_that_nobody_answers(bench, robot):
+    node = bench.add(SupervisorNode(**bench.options()))
+    states = bench.listen(topics.ROBOT_STATE)
+    now = time.monotonic()
+    checks = node.component.supervisor.checks
+    checks.observe_motors(now, STAMP, ZERO, ZERO, ZERO)
+    checks.observe_setpoint(now, STAMP, ZERO, ZERO)
+    checks.observe_tensions(now, np.full(COUNT, 400.0))
+    checks.observe_pose(now, robot.home.position)
+    node.component.supervisor.observe_drives(now, DriverState.DISABLED)
+    decision, outputs = node.component.services()["/supervisor/enable"](now)
+    assert decision.accepted
+    node.wiring._send(outputs)
+    bench.until(lambda: states)
+    newest = from_diagnostic_status(states[-1])
+    assert newest[2] == "disabled"
+    assert "service /can_drives/enable is not available" in newest[3]["remark"]
+
+
+# --- control
+
+
+def test_nodes_of_one_process_hear_each_topic_once_and_motor_controllers_first(bench):
+    nodes = [bench.add(node) for node in create_control_nodes(**bench.options())]
+    heard = [subscription.topic_name for node in nodes for subscription in node.subscriptions]
+    heard = [name for name in heard if name not in ("/parameter_events", "/clock")]
+    assert len(heard) == len(set(heard))
+    graph = nodes[1].wiring.graph
+    assert set(heard) == set(graph.inputs)
+    first = [handler.__self__.name for handler in graph.handlers(topics.MOTOR_STATES)][:COUNT]
+    assert first == [f"motor_controller_{k}" for k in range(1, COUNT + 1)]

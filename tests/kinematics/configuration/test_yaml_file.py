@@ -25,7 +25,7 @@ def test_a_mapping_is_returned(tmp_path: Path) -> None:
         ("- a\n", "some.yaml = ['a']: must be a mapping"),
         (
             "a: 1\nb:\n  c: 1\n  c: 2\n",
-            "is not valid YAML: the key c stands there twice: keep one of the two (line 4",
+            'found duplicate key "c" with value "2" (original value: "1") (line 4',
         ),
         ("a: [1, 2\n", "is not valid YAML: while parsing a flow sequence, "),
         (b"\xff\xfe\x00\xd8", "is not valid YAML: 'utf-8' codec"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cspr_control.closed_loop.machine import Answer, Publish
@@ -48,11 +50,12 @@ class BarePlant:
         self.time.every(self._period, self._cycle)
         self.time.every(1.0, self._publish_states)
 
-    def command(self, index: int, stamp_ns: int, torque: float) -> None:
-        """Apply a torque, N m, at once."""
+    def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
+        """Apply torques, N m, at once."""
         if self._enabled:
             self._advance()
-            self.plant.set_torque(index, torque)
+            for index, _, torque in commands:
+                self.plant.set_torque(index, torque)
 
     def call(self, service: str) -> Answer:
         """Open the brakes, or close them; as the cables pull now, so do the motors until they are told otherwise."""

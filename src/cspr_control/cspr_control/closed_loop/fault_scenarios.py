@@ -49,6 +49,8 @@ class FaultScenario:
         Ends it, before the operator resets.
     onset
         What makes it a fault, where that takes a while from `begin` on; time and height count from then.
+    towards
+        Where a robot that moves goes along x, -1 or 1, if it matters: for what happens then, and so for its cause.
     moving, held
         Whether it can happen to a robot that moves, and to one that is held still.
     lasts
@@ -64,6 +66,7 @@ class FaultScenario:
     cause: str
     end: Callable[[RobotLoop], None] = lambda loop: loop.machine.faults.clear()
     onset: Callable[[RobotLoop], bool] = lambda loop: True
+    towards: float | None = None
     moving: bool = True
     held: bool = True
     lasts: float = 2.0
@@ -131,15 +134,15 @@ def _leave_workspace(loop: RobotLoop) -> None:
     loop.play(lambda here: PointToPoint(here, outside, quick))
 
 
-def _across(here: Pose, distance: float) -> Pose:
-    """Return the pose as far from the middle, m along x, on the other side, level."""
+def _across(here: Pose, distance: float, otherwise: Pose) -> Pose:
+    """Return the pose so far from the middle, m along x, on the other side of it; otherwise as another pose."""
     x = math.copysign(distance, -here.position[0] - 1e-9)
-    return Pose(np.array([x, here.position[1], here.position[2]]), here.rotation)
+    return Pose(np.array([x, *otherwise.position[1:]]), otherwise.rotation)
 
 
 def _hurry(loop: RobotLoop) -> None:
     quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
-    loop.play(lambda here: PointToPoint(here, _across(here, 1.0), quick))
+    loop.play(lambda here: PointToPoint(here, _across(here, 1.0, here), quick))
 
 
 def _lift_what_is_caught(loop: RobotLoop) -> None:
@@ -210,6 +213,7 @@ SCENARIOS = (
         _inject(InjectedFault.WINCH_BLOCKED),
         "motor_3",
         _wind_back,
+        towards=-1.0,
         held=False,
         harms_tension=True,
         rest=2.0,
@@ -302,7 +306,7 @@ def run(loop: RobotLoop, scenario: FaultScenario, moving: bool = False) -> Outco
     """
     robot, plant, time = loop.machine, loop.machine.plant, loop.time
     if moving:
-        _move(loop)
+        _move(loop, scenario.towards)
     heights: list[float] = []
     tensions: list[float] = []
     states: list[RobotState] = []
@@ -363,18 +367,19 @@ def recover(loop: RobotLoop, rest: float) -> float:
 
 def _wait_until_set_up(loop: RobotLoop) -> None:
     """Let time pass until devices that booted or were away are set up again; nothing can be reset before."""
-    robot = loop.machine
-
-    def waiting() -> dict[str, str]:
-        cells = robot.load_cells.snapshot(loop.time.monotonic())
-        return robot.drives.snapshot().not_configured | cells.not_configured
-
+    waiting = loop.machine.not_set_up
     loop.wait_until(lambda: not waiting(), 10.0, lambda: f"devices are not set up: {waiting()}")
 
 
-def _move(loop: RobotLoop) -> None:
+def _move(loop: RobotLoop, towards: float | None) -> None:
     """Bring the platform to full speed, level."""
-    loop.play(lambda here: PointToPoint(here, _across(here, 0.4), loop.player.limits))
+    home = loop.robot.home  # level, whatever the faults before have left
+    here = loop.player.held_pose
+    if towards is not None and here is not None and here.position[0] * towards > -0.1:
+        start = home.position - np.array([0.4 * towards, 0.0, 0.0])
+        loop.play(lambda here: PointToPoint(here, Pose(start, home.rotation), loop.player.limits))
+        loop.wait_until(lambda: loop.player.phase.at_rest, 10.0, lambda: "the platform is still moving")
+    loop.play(lambda here: PointToPoint(here, _across(here, 0.4, home), loop.player.limits))
     loop.time.wait(loop.player.dwell + 1.0)
 
 

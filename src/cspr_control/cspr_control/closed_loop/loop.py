@@ -199,6 +199,7 @@ class ClosedLoop(Generic[M]):
         self.publish(SIMULATED_PAYLOAD, InertiaSample(stamp, payload.mass, payload.center_of_mass))
 
     def _carry_out(self, outputs: Iterable[Output]) -> None:
+        commands: list[tuple[int, int, float]] = []
         for output in outputs:
             if isinstance(output, Publication):
                 topic, sample = output
@@ -208,18 +209,20 @@ class ClosedLoop(Generic[M]):
                     listen(topic, sample)
                 motor = self.motors.get(topic.name)
                 if motor is not None:
-                    self._command(motor, sample.stamp_ns, sample.effort)
+                    torque = self._tampered(motor, sample.effort)
+                    if torque is not None:
+                        commands.append((motor, sample.stamp_ns, torque))
             elif isinstance(output, Call):
                 self.time.at(self.time.monotonic() + SERVICE_TIME, partial(self._call, output))
             elif isinstance(output, Remark):
                 self.log.append(f"{output.component}: {output.text}")
 
-    def _command(self, motor: int, stamp_ns: int, torque: float | None) -> None:
-        if motor in self.tampering and torque is not None:
-            torque = self.tampering[motor](torque)
-        if torque is not None:
-            arrival = self.time.monotonic() + self._latency
-            self.time.at(arrival, partial(self.machine.command, motor, stamp_ns, torque))
+        if commands:
+            self.time.at(self.time.monotonic() + self._latency, partial(self.machine.command, commands))
+
+    def _tampered(self, motor: int, torque: float) -> float | None:
+        change = self.tampering.get(motor)
+        return torque if change is None else change(torque)
 
     def _call(self, call: Call) -> None:
         serve: Callable[[str], Any] = self.machine.call

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from cspr_control.closed_loop.simulated_time import SimulatedTime
@@ -41,8 +41,8 @@ class Machine(Protocol):
         """Let the driver begin; time passes until the drives can be enabled."""
         ...
 
-    def command(self, index: int, stamp_ns: int, torque: float) -> None:
-        """Take a torque, N m, for a motor that answers the motor states with a stamp, ns of ROS time."""
+    def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
+        """Take commands: a motor from 0, the stamp of the motor states that it answers, ns, and a torque, N m."""
         ...
 
     def call(self, service: str) -> Answer:

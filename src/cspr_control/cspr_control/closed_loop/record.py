@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.numbers.mass import MassTrace, settling_time
 from cspr_control.analysis.numbers.run_summary import RunSummary
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.scenario import Scenario
@@ -61,18 +60,17 @@ class LoopRecord:
     @property
     def rms_deg(self) -> FloatArray:
         """RMS position error of each motor (m,), degrees."""
-        return np.asarray(np.degrees(np.sqrt((self.position_error**2).mean(axis=0))))
+        return self.summary().position_error.rms
 
     @property
     def max_deg(self) -> FloatArray:
         """Largest position error of each motor (m,), degrees."""
-        return np.asarray(np.degrees(np.abs(self.position_error).max(axis=0)))
+        return self.summary().position_error.maximum
 
     @property
     def settling_time(self) -> float:
         """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
-        stamps = (self.time * 1e9).round().astype(np.int64)
-        settled = settling_time(MassTrace(stamps, self.mass_estimate), MassTrace(stamps, self.mass_true))
+        settled = self.summary().mass.settling
         return np.inf if settled is None else settled
 
     def summary(self, bag: str = "") -> RunSummary:
@@ -111,6 +109,7 @@ class LoopRecorder:
         components: dict[str, Any] = dict(loop.graph.components)
         self._feedforward = components["feedforward"]
         self._estimator = components["mass_estimator"].estimator
+        self._motors = loop.motors
         self._setpoint: JointStateSample | None = None
         self._cycles: list[_Cycle] = []
         loop.listeners.append(self._listen)
@@ -142,7 +141,7 @@ class LoopRecorder:
         elif topic is MOTOR_STATES:
             if self._setpoint is not None and self._loop.player.start_time:
                 self._keep(sample, self._setpoint)
-        elif self._cycles and (motor := self._loop.motors.get(topic.name)) is not None:
+        elif (motor := self._motors.get(topic.name)) is not None and self._cycles:
             self._cycles[-1].torque[motor] = sample.effort
 
     def _keep(self, states: JointStateSample, setpoint: JointStateSample) -> None:

@@ -43,7 +43,7 @@ from cspr_msgs_py.topics import (
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import Status, StatusArray
 
-TICK = 0.002  # s between two looks of a device at its time-outs and its brake
+TICK = 0.004  # s between two looks of a device at its time-outs and its brake
 _STATE_PERIOD = 0.02  # s; how soon a change of state is published
 _WATCH_PERIOD = 0.5  # s; how often the heartbeats of the load cells are looked at
 _PLANT_LAG = 0.01  # s; at this distance the plant follows time where no SYNC moves it on
@@ -117,20 +117,22 @@ class SimulatedRobot:
         """Start both masters and let them set up all devices."""
         self.load_cells.start()
         self.drives.start()
-        ready = self.time.wait_until(
-            lambda: (
-                self.drives.states()[0].value == "disabled"
-                and not self.load_cells.snapshot(self.time.monotonic()).not_configured
-            ),
-            _PATIENCE,
-        )
-        if not ready:
-            raise DriverError(f"the devices are not ready: {self.drives.states()[:2]}, {self.log[-3:]}")
+        end = self.time.monotonic() + _PATIENCE
+        while waiting := self.not_set_up():
+            if self.time.monotonic() > end:
+                raise DriverError(f"devices are not set up: {waiting}")
+            self.time.wait(_STATE_PERIOD)
 
-    def command(self, index: int, stamp_ns: int, torque: float) -> None:
-        """Give a drive its torque, N m."""
+    def not_set_up(self) -> dict[str, str]:
+        """Return the devices that are not set up, with the reason."""
+        cells = self.load_cells.snapshot(self.time.monotonic())
+        return self.drives.snapshot().not_configured | cells.not_configured
+
+    def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
+        """Give drives their torques, N m."""
         if self.driver_runs:
-            self.drives.command(index, stamp_ns, torque)
+            for command in commands:
+                self.drives.command(*command)
 
     def call(self, service: str) -> Answer:
         """Answer a service of the driver."""

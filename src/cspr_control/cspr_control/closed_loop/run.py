@@ -29,7 +29,7 @@ from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
 _MEASURING = 2.0  # s for the load to be measured before the trajectory begins
 _SETTLING = 1.5  # s after the end of the trajectory, or after a fault
-_STEP = 0.1  # s between two words about the progress
+_STEP = 0.02  # s between two looks at what goes on
 
 Progress = Callable[[str, float], None]
 """Told what goes on, and the simulated time, s."""
@@ -91,26 +91,30 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
         end = loop.time.monotonic() + duration
         while not done() and loop.time.monotonic() < end:
             progress(step, loop.time.monotonic() - begin)
-            loop.time.wait_until(done, min(_STEP, end - loop.time.monotonic()))
+            loop.time.wait(min(_STEP, end - loop.time.monotonic()))
         return done()
 
     progress("starting", 0.0)
     loop.begin()
     loop.enable()
-    pause("measuring the load", _MEASURING, lambda: loop.state is RobotState.FAULT)
-    _start(loop, scenario)
     player = loop.player
 
+    def stopped() -> bool:
+        if loop.state is RobotState.FAULT and not scenario.faults:
+            raise ClosedLoopError(f"the robot stopped: {loop.cause}")
+        return loop.state is RobotState.FAULT
+
     def over() -> bool:
-        return loop.state is RobotState.FAULT or player.phase.at_rest
+        return stopped() or player.phase.at_rest
+
+    pause("measuring the load", _MEASURING, stopped)
+    _start(loop, scenario)
 
     moving = (player.end_time - loop.time.system_ns()) * 1e-9
     if scenario.duration is not None:
         pause("moving", (player.start_time - loop.time.system_ns()) * 1e-9 + scenario.duration, over)
         loop.order("/trajectory_publisher/stop")
     pause("moving", moving + 1.0, over)
-    if loop.state is RobotState.FAULT and not scenario.faults:
-        raise ClosedLoopError(f"the robot stopped: {loop.cause}")
     if player.phase is not TrajectoryPhase.FINISHED and scenario.duration is None and not loop.cause:
         raise ClosedLoopError(f"the trajectory was not followed to its end: {player.interruption}")
     pause("settling", _SETTLING)

@@ -120,7 +120,7 @@ class SimulatedTime(Clock):
     def sleep(self, duration: float) -> None:
         """Let a time, s, pass for the caller; for one that is called by an event itself, it passes without others."""
         if self._task is not None:
-            self._task.wait(lambda: False, self._now + duration)
+            self._task.wait(SimpleQueue(), self._now + duration)
         elif self._busy:
             self._now += duration
         else:
@@ -129,7 +129,7 @@ class SimulatedTime(Clock):
     def take(self, queue: Queue[Any] | SimpleQueue[Any], timeout: float | None = None) -> Any:
         """Return what comes next in a queue, waiting for it up to a time, s; raises `queue.Empty` after it."""
         if self._task is not None:
-            self._task.wait(lambda: not queue.empty(), inf if timeout is None else self._now + timeout)
+            self._task.wait(queue, inf if timeout is None else self._now + timeout)
         elif not self._busy:
             self.wait_until(lambda: not queue.empty(), inf if timeout is None else timeout)
         return queue.get_nowait()
@@ -151,9 +151,11 @@ class SimulatedTime(Clock):
             task.cancel()
 
     def _let_tasks_run(self) -> None:
-        for task in tuple(self._waiting):
-            if self._now >= task.next_turn and (self._now >= task.deadline or task.ready()):
+        now = self._now
+        for task in self._waiting:
+            if now >= task.next_turn and (not task.queue.empty() or now >= task.deadline):
                 task.take_turn()
+                break  # others have their turn after the next event
 
 
 class _Task:
@@ -161,7 +163,7 @@ class _Task:
 
     def __init__(self, time: SimulatedTime, target: Callable[[], None], name: str) -> None:
         self.next_turn = self.deadline = -inf
-        self.ready: Callable[[], bool] = lambda: True
+        self.queue: Queue[Any] | SimpleQueue[Any] = SimpleQueue()
         self._time = time
         self._target = target
         self._turn, self._done = threading.Semaphore(0), threading.Semaphore(0)
@@ -196,9 +198,9 @@ class _Task:
         if self._error is not None:
             raise self._error
 
-    def wait(self, ready: Callable[[], bool], deadline: float) -> None:
-        """Wait until something is so or a monotonic time, s, has come; called by the thread."""
-        self.ready, self.deadline, self.next_turn = ready, deadline, self._time.monotonic() + _TURN
+    def wait(self, queue: Queue[Any] | SimpleQueue[Any], deadline: float) -> None:
+        """Wait until something is in a queue or a monotonic time, s, has come; called by the thread."""
+        self.queue, self.deadline, self.next_turn = queue, deadline, self._time.monotonic() + _TURN
         for moment in {self.next_turn, deadline} - {inf}:
             self._time.at(moment, lambda: None)  # it is looked at after each event
         self._done.release()

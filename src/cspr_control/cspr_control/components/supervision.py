@@ -17,7 +17,6 @@ from cspr_control.components.component import (
     Remark,
     Timer,
 )
-from cspr_control.components.trajectory import FOLLOWING
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_control.supervision.supervisor import Action, Decision, Supervisor
 from cspr_msgs_py.topics import (
@@ -32,7 +31,7 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     Topic,
 )
-from cspr_msgs_py.vocabulary import DriverState, Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.vocabulary import FOLLOWING, DriverState, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import PoseSample, Status, StatusArray
 

@@ -23,15 +23,12 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     Topic,
 )
-from cspr_msgs_py.vocabulary import Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
 from cspr_msgs_py.wire.samples import PoseSample, Status
 
 _DEFAULT = defaults("trajectory_publisher")
-
-FOLLOWING = (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING)
-"""States in which the motors follow, or are about to follow, the reference."""
 
 
 @dataclass(frozen=True)

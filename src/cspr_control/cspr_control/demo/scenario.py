@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
 
 from cspr_control.errors import ControlError
 from cspr_control.reference.catalogue import TrajectoryName
@@ -158,4 +158,4 @@ def _edited(file: Path) -> Iterator[dict[str, Any]]:
         yield values
     except (ConfigurationFileError, TypeError, KeyError) as error:
         raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
-    file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+    YAML().dump(values, file)

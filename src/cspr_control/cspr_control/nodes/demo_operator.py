@@ -21,7 +21,7 @@ from cspr_control.demo.scenario import DemoError
 from cspr_control.errors import ControlError
 from cspr_msgs_py import topics
 from cspr_msgs_py.runtime.process import sample_publisher, subscribe_samples
-from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, RobotState
+from cspr_msgs_py.vocabulary import FOLLOWING, UNDER_WAY, DriverState, RobotState
 from cspr_msgs_py.wire.samples import InertiaSample, Status, StatusArray
 
 
@@ -259,7 +259,7 @@ class Operator:
     def make_safe(self) -> None:
         """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""
         with contextlib.suppress(KeyboardInterrupt, ControlError, OSError):  # the terminal may be gone
-            if self._client.robot_state in (RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING):
+            if self._client.robot_state in FOLLOWING:
                 future = self._client.trigger("/supervisor/stop")
                 deadline = time.monotonic() + 4.0
                 while (

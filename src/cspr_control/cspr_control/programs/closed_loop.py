@@ -8,8 +8,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from cspr_control.analysis.numbers.run_summary import format_summary
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
@@ -20,7 +18,7 @@ from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import KinematicsError
 from cspr_msgs_py.errors import MessagesError, ParameterError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.parameters.table import TABLE, known_parameter
+from cspr_msgs_py.parameters.file import value_from_text
 from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 from cspr_msgs_py.vocabulary import Controller
 
@@ -149,11 +147,8 @@ def _parameter(text: str) -> tuple[str, str, object]:
             f"{text!r} is not of the form NODE.NAME=VALUE, such as feedforward.model=static"
         )
     try:
-        row = known_parameter(node, parameter)
-        if row is None:
-            raise ParameterError(f"there is no node {node}; there are {', '.join(TABLE)}")
-        return node, parameter, row.checked(yaml.safe_load(value))
-    except (ParameterError, yaml.YAMLError) as error:
+        return node, parameter, value_from_text(node, parameter, value)
+    except ParameterError as error:
         raise argparse.ArgumentTypeError(f"{text}: {error}") from error
 
 

@@ -13,8 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-import yaml
-
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.estimation.payload import UPDATE_PERIOD
 from cspr_control.parameters.settings import estimator_settings, feedforward_settings
@@ -41,7 +39,7 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates
 from cspr_msgs_py.errors import MessagesError, ParameterError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.parameters.table import known_parameter
+from cspr_msgs_py.parameters.file import value_from_text
 from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 
 NODES = ("mass_estimator", "feedforward")
@@ -232,12 +230,7 @@ def _changes(arguments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[s
                 f"--set {argument}: {node} is not among the nodes to re-run: {', '.join(nodes)}"
             )
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            value = text
-        try:
-            row = known_parameter(node, parameter)
-            changes[node][parameter] = row.checked(value) if row else value
+            changes[node][parameter] = value_from_text(node, parameter, text)
         except ParameterError as error:
             raise SettingError(f"--set {argument}: {error}") from error
     return changes

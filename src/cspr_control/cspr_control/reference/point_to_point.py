@@ -76,7 +76,7 @@ class PointToPoint:
         rate, acceleration = first / self.duration, second / self.duration**2
         rotation = Rotation.from_rotvec(value * self._turn).as_matrix() @ self._start.rotation
         return ReferencePoint(
-            Pose(self._start.position + value * self._line, rotation),
+            Pose.trusted(self._start.position + value * self._line, rotation),
             Twist(rate * self._line, rate * self._turn),
             Acceleration(acceleration * self._line, acceleration * self._turn),
         )

@@ -7,27 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
 
 from cspr_kinematics.errors import ConfigurationFileError
-
-
-class _UniqueKeys(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
-    """Refuses a repeated key (YAML 1.2.2, section 3.2.1.3), of which PyYAML alone would take the last value."""
-
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
-        node = super().compose_mapping_node(anchor)
-        seen = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                continue
-            if key.value in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key.value} stands there twice: keep one of the two",
-                    problem_mark=key.start_mark,
-                )
-            seen.add(key.value)
-        return node
 
 
 def read_yaml(path: str | Path, remedy: str = "") -> dict[Any, Any]:
@@ -62,14 +44,16 @@ def parse_yaml(text: str | bytes, source: str, remedy: str = "") -> dict[Any, An
         As `read_yaml` does.
     """
     try:
-        content = yaml.load(text.decode("utf-8") if isinstance(text, bytes) else text, _UniqueKeys)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # no text, no number, no end of brackets
+        decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+        content = YAML(typ="safe", pure=True).load(decoded)
+        numbers = list(_numbers(content, ""))
+    except Exception as error:  # no text, no number, no end of brackets or aliases, a tag that does not fit
         raise ConfigurationFileError(source, None, None, f"is not valid YAML: {_described(error)}") from error
     if not isinstance(content, dict):
         problem = "is empty; it must be" if content is None else "must be"
         problem += " a mapping of keys to values"
         raise ConfigurationFileError(source, None, content, _with(problem, remedy))
-    for key, value in _numbers(content, ""):
+    for key, value in numbers:
         if not is_finite(value):
             raise ConfigurationFileError(source, key, value, "must be a finite number")
     return content

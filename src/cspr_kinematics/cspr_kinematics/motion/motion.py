@@ -72,7 +72,9 @@ def motion_from_euler(
     )
     Q, omega, alpha = np.empty((*batch, 3, 3)), np.empty((*batch, 3)), np.empty((*batch, 3))
     euler_motions(angles, rates, growths, Q.reshape(n, 3, 3), omega.reshape(n, 3), alpha.reshape(n, 3))
-    return Motion(Pose(p, Q), Twist(v, omega), Acceleration(a, alpha))
+    if p.shape[:-1] != batch:
+        return Motion(Pose(p, Q), Twist(v, omega), Acceleration(a, alpha))
+    return Motion(Pose.trusted(np.array(p), Q), Twist(v, omega), Acceleration(a, alpha))
 
 
 def motion_from_quaternion(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -182,6 +183,7 @@ class Twist(_LinearAngular):
     """
 
     @classmethod
+    @cache
     def zero(cls) -> Twist:
         """Twist of a platform at rest."""
         return cls(np.zeros(3), np.zeros(3))
@@ -204,6 +206,7 @@ class Acceleration(_LinearAngular):
     """
 
     @classmethod
+    @cache
     def zero(cls) -> Acceleration:
         """Acceleration of a platform at rest or in uniform translation."""
         return cls(np.zeros(3), np.zeros(3))

@@ -4,25 +4,28 @@ A file maps the names of nodes to ``ros__parameters``; the node ``/**`` stands f
 become names with dots. Source: the ROS 2 design article "ROS 2 Parameters", YAML syntax of ``--params-file``.
 """
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, MarkedYAMLError
+from ruamel.yaml.nodes import MappingNode, Node
 
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.table import ALL_NODES, TABLE, known_parameter, node_parameters, parameter_values
 
-
-class _AsRosReadsIt(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no type hints
-    """Also takes 1e-3 for a number, which YAML 1.1 does not for want of a decimal point."""
+warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
 
 
-_AsRosReadsIt.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+[eE][-+]?\d+$"), list("-+0123456789")
-)
+def _yaml(kind: str) -> YAML:
+    """Return a loader or a writer of YAML 1.1, as ROS reads it, in which ``on`` is a truth value."""
+    yaml = YAML(typ=kind, pure=True)
+    yaml.version = (1, 1)
+    return yaml
 
 
 class ParameterFile:
@@ -45,16 +48,19 @@ class ParameterFile:
     def __init__(self, text: str | bytes, name: str) -> None:
         self.name = name
         self._nodes: dict[str, dict[str, Any]] = {}
+        self._yaml = _yaml("safe")
         try:
-            root = yaml.compose(text, _AsRosReadsIt)
-            if not isinstance(root, yaml.MappingNode):
+            root = self._yaml.compose(text)
+            if not isinstance(root, MappingNode):
                 raise ParameterError(f"{name} is not a parameter file: it maps no names of nodes")
+            self._yaml.constructor.construct_document(root)  # refuses a key that stands there twice
             self._read_nodes(root, "")
-        except (
-            yaml.YAMLError,
-            ValueError,
-            RecursionError,
-        ) as error:  # no text, no number, no end of brackets
+        except ParameterError:
+            raise
+        except MarkedYAMLError as error:
+            line = error.problem_mark.line + 1
+            raise ParameterError(f"{name} is not YAML: {error.problem} (line {line})") from error
+        except Exception as error:  # no text, no number, no end of brackets, a tag that does not fit
             raise ParameterError(f"{name} is not YAML: {' '.join(str(error).split())}") from error
 
     @staticmethod
@@ -94,42 +100,35 @@ class ParameterFile:
     def text(self) -> str:
         """Return the content of a file with these parameters."""
         content = {node: {"ros__parameters": _nested(values)} for node, values in self._nodes.items()}
-        return str(yaml.safe_dump(content, sort_keys=False))
+        stream = StringIO()
+        _yaml("rt").dump(content, stream)
+        return stream.getvalue()
 
-    def _read_nodes(self, section: yaml.Node, path: str) -> None:
-        for key, value in self._items(section):
+    def _read_nodes(self, section: Node, path: str) -> None:
+        for key, value in ((str(name.value), value) for name, value in section.value):
             inner = f"{path}/{key.strip('/')}".lstrip("/")
-            if key == "ros__parameters" and isinstance(value, yaml.MappingNode):
+            if key == "ros__parameters" and isinstance(value, MappingNode):
                 name = path.rpartition("/")[2]
                 node = ALL_NODES if "*" in name else name
                 self._read_values(node, value, "")
-            elif isinstance(value, yaml.MappingNode) and key != "ros__parameters":
+            elif isinstance(value, MappingNode) and key != "ros__parameters":
                 self._read_nodes(value, inner)
             else:
                 raise ParameterError(
                     f"{self.name} is not a parameter file: {path or inner} has no ros__parameters"
                 )
 
-    def _read_values(self, node: str, section: yaml.Node, prefix: str) -> None:
+    def _read_values(self, node: str, section: Node, prefix: str) -> None:
         values = self._nodes.setdefault(node, {})
-        for key, value in self._items(section):
-            if isinstance(value, yaml.MappingNode):
+        for key, value in ((str(name.value), value) for name, value in section.value):
+            if isinstance(value, MappingNode):
                 self._read_values(node, value, f"{prefix}{key}.")
                 continue
             try:
                 known_parameter(node, prefix + key)
             except ParameterError as error:
                 raise ParameterError(f"{self.name}, line {value.start_mark.line + 1}: {error}") from error
-            values[prefix + key] = yaml.constructor.SafeConstructor().construct_document(value)
-
-    def _items(self, section: yaml.Node) -> Iterator[tuple[str, yaml.Node]]:
-        lines: dict[str, int] = {}
-        for key, value in section.value:
-            line, name = key.start_mark.line + 1, str(key.value)
-            if name in lines:
-                raise ParameterError(f"{self.name}, line {line}: {name} stands in line {lines[name]} already")
-            lines[name] = line
-            yield name, value
+            values[prefix + key] = self._yaml.constructor.construct_document(value)
 
 
 def _nested(values: dict[str, Any]) -> dict[str, Any]:
@@ -142,6 +141,24 @@ def _nested(values: dict[str, Any]) -> dict[str, Any]:
             section = section.setdefault(key, {})
         section[last] = value
     return content
+
+
+def value_from_text(node: str, name: str, text: str) -> Any:
+    """Return the value that a text, read as ROS reads it, gives to a parameter of a node of ours.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such node or parameter, or it may not have that value.
+    """
+    row = known_parameter(node, name)
+    if row is None:
+        raise ParameterError(f"there is no node {node}; there are {', '.join(TABLE)}")
+    try:
+        value = _yaml("safe").load(text)
+    except Exception:  # no YAML, such as "[": the check says what is needed
+        value = text
+    return row.checked(value)
 
 
 def check_arguments(arguments: Sequence[str]) -> None:

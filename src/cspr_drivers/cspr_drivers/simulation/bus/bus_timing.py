@@ -91,7 +91,7 @@ class BusTiming:
             With ENOBUFS, if too many frames of this sender wait already; with ENETDOWN or ENXIO, if its interface is
             down or gone.
         """
-        if self._disturbance in _LOSES_FRAMES:
+        if self._disturbance is not BusDisturbance.NONE and self._disturbance in _LOSES_FRAMES:
             refusal = _REFUSALS.get(self._disturbance)
             if refusal is not None and sender == DRIVER:
                 raise can.CanOperationError(os.strerror(refusal), error_code=refusal)

@@ -78,7 +78,8 @@ class SimulatedBus:
             elif frame.arbitration_id == SYNC_COB_ID:
                 self._on_sync(self.network)
             else:
-                self.network.notify(frame.arbitration_id, bytearray(frame.data), frame.timestamp)
+                for hear in self.network.subscribers.get(frame.arbitration_id, ()):
+                    hear(frame.arbitration_id, frame.data, frame.timestamp)
 
     def _send_from(self, end: _DriverEnd, message: can.Message) -> None:
         if end is self._end:

@@ -95,6 +95,24 @@ class Plant:
         self.payload = Payload.none()
         self.set_payload(config.payload)
         self._free_lengths_at_home = self._equilibrium_free_lengths()
+        # MuJoCo's arrays are views of memory that stays where it is.
+        self._angles: FloatArray = self._data.qpos[self._shaft_position]
+        self._speeds: FloatArray = self._data.qvel[self._shaft]
+        self._forces = (
+            self._data.ten_length,
+            self._data.ten_velocity,
+            self._wrapped,
+            self._angles,
+            self._speeds,
+            self._free_lengths_at_home,
+            self._cable_constants,
+            self._torque_input,
+            self._damping,
+            robot.motor.torque_limit,
+            self._tensions,
+            self._applied_torque,
+            self._data.ctrl,
+        )
         for index in range(m):
             self.set_brake(index, closed=True)
         self._turn_pulleys()
@@ -165,11 +183,11 @@ class Plant:
 
     def motor_angles(self) -> FloatArray:
         """Angles of the motor shafts, rad. (m,)."""
-        return np.array(self._data.qpos[self._shaft_position])
+        return self._angles.copy()
 
     def motor_speeds(self) -> FloatArray:
         """Speeds of the motor shafts, rad/s. (m,)."""
-        return np.array(self._data.qvel[self._shaft])
+        return self._speeds.copy()
 
     def motor_torques(self) -> FloatArray:
         """Torques that the drives apply, saturated at the limit of the motors, N m. (m,)."""
@@ -224,22 +242,7 @@ class Plant:
 
     def _apply_forces(self) -> None:
         """Set the forces of cables and drives from lengths, rates, angles and speeds as they are."""
-        data = self._data
-        cable_and_motor_forces(
-            data.ten_length,
-            data.ten_velocity,
-            self._wrapped,
-            data.qpos[self._shaft_position],
-            data.qvel[self._shaft],
-            self._free_lengths_at_home,
-            self._cable_constants,
-            self._torque_input,
-            self._damping,
-            self._robot.motor.torque_limit,
-            self._tensions,
-            self._applied_torque,
-            data.ctrl,
-        )
+        cable_and_motor_forces(*self._forces)
 
 
 def _mjcf(robot: Robot, time_step: float) -> str:

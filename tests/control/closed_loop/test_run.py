@@ -1,0 +1,117 @@
+"""Runs in simulated time: the same bytes each time, the bag of a live run, and what goes wrong."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from cspr_control.analysis.numbers.run_summary import RunSummary
+from cspr_control.analysis.recording import read_recording
+from cspr_control.analysis.run_analysis import analyse_recording
+from cspr_control.closed_loop.run import closed_loop, run
+from cspr_control.closed_loop.scenario import PlannedFault, Scenario
+from cspr_control.demo.scenario import AddedPayload
+from cspr_control.errors import ControlError
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.topics import PAYLOAD
+from cspr_msgs_py.vocabulary import Controller, RobotState
+
+CONFIG = Path(__file__).parents[3] / "config"
+SHORT = Scenario(config=CONFIG, trajectory=TrajectoryName.SMOOTH_19, duration=1.0)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Record a fault on the way; the same run twice."""
+    scenario = replace(SHORT, faults=(PlannedFault("load_cell_saturated cable_2", 0.7),))
+    directory = tmp_path_factory.mktemp("runs")
+    return [(run(scenario, directory / str(k) / "bag"), directory / str(k) / "bag") for k in range(2)]
+
+
+def test_the_same_run_gives_the_same_bytes(recorded):
+    (first, first_bag), (second, second_bag) = recorded
+    for field in fields(first):
+        if field.name != "elapsed":
+            one, other = getattr(first, field.name), getattr(second, field.name)
+            assert np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
+    names = sorted(path.name for path in first_bag.iterdir())
+    assert names == sorted(path.name for path in second_bag.iterdir())
+    for name in names:
+        assert (first_bag / name).read_bytes() == (second_bag / name).read_bytes()
+
+
+def test_a_planned_fault_stops_the_robot_and_is_named(recorded):
+    record, bag = recorded[0]
+    assert "cable_2: positive overload" in record.cause
+    with Bag(bag) as reader:
+        states = [message.message for message in reader.read("/robot_state").messages]
+    assert states[-1] == "fault"
+
+
+@pytest.mark.parametrize("devices", [True, False])
+def test_the_analysis_of_the_bag_says_what_the_record_says(tmp_path, devices):
+    scenario = replace(
+        SHORT,
+        controller=Controller.STATIC,
+        devices=devices,
+        duration=None,
+        trajectory=TrajectoryName.PAPER_19,
+        parameters={"trajectory_publisher": {"dwell": 0.0}},
+    )
+    record = run(scenario, tmp_path / "bag")
+    recording = read_recording(tmp_path / "bag", configuration_directory=CONFIG)
+    analysis = analyse_recording(recording, "static")
+    assert recording.controller == "static"
+    expected = record.summary()
+    metrics = analysis.metrics
+    np.testing.assert_allclose(metrics.position_error.rms, expected.position_error.rms, rtol=0.01)
+    assert metrics.mass.estimate == pytest.approx(expected.mass.estimate, abs=0.1)
+    assert metrics.cycle.rate == pytest.approx(250.0)
+    if devices:
+        summary = RunSummary.of(metrics, controller="static", exact_mass=False)
+        assert summary.as_mapping().keys() == expected.as_mapping().keys()
+        assert summary.cycle.missed == 0
+
+
+def test_devices_and_the_plant_alone_agree():
+    errors = [run(replace(SHORT, duration=None, devices=devices)).rms_deg.mean() for devices in (True, False)]
+    assert errors[0] == pytest.approx(errors[1], rel=0.1)
+
+
+def test_a_stop_that_nobody_planned_is_an_error():
+    weak = {"supervisor": {"following_error": 0.01, "starting_error": 2.0}}
+    with pytest.raises(ControlError, match=r"the robot stopped: .*following error"):
+        run(replace(SHORT, devices=False, trajectory=TrajectoryName.PAPER_19, parameters=weak))
+
+
+def test_faults_need_devices():
+    with pytest.raises(ControlError, match="with devices"):
+        replace(SHORT, devices=False, faults=(PlannedFault("bus_cut main", 1.0),))
+    with pytest.raises(ControlError, match="there is no fault 'bus_cot'"):
+        run(replace(SHORT, faults=(PlannedFault("bus_cot main", 1.0),)))
+
+
+def test_payloads_come_and_go():
+    added = (AddedPayload(50.0, 0.3), AddedPayload(-20.0, 0.6))
+    record = run(replace(SHORT, devices=False, added=added))
+    assert sorted(set(record.mass_true)) == [100.0, 130.0, 150.0]
+    assert record.mass_true[-1] == 130.0
+
+
+def test_a_slow_computer_sees_more_of_the_machine_in_a_second():
+    """Durations count on the computer's clock: at half the speed estimates come twice as often for the machine."""
+    payloads = []
+    loop = closed_loop(replace(SHORT, devices=False, speed=0.5))
+    loop.listeners.append(lambda topic, sample: payloads.append(sample) if topic is PAYLOAD else None)
+    loop.begin()
+    loop.enable()
+    loop.time.wait(1.0)
+    assert loop.state is RobotState.ENABLED
+    before = len(payloads)
+    loop.time.wait(1.0)
+    assert len(payloads) - before == pytest.approx(100, abs=1)
+    loop.machine.close()
