@@ -16,7 +16,10 @@ class WalkStoppedError(DriverError):
 
 
 class Operator:
-    """A person at a terminal; subclasses answer in place of one."""
+    """A person at a terminal; subclasses answer in place of one.
+
+    Each kind of question has a method; what cannot be understood is asked again.
+    """
 
     def tell(self, text: str) -> None:
         """Show a text."""
@@ -53,82 +56,6 @@ class Operator:
             If nobody could give another answer.
         """
         self.tell(f"   {problem}")
-
-
-QUESTIONS = (
-    *(
-        "resume",
-        "keep",
-        "supported",
-        "turn",
-        "winch",
-        "way",
-        "mark",
-        "measured",
-        "pull",
-        "again",
-        "cell",
-        "slack",
-    ),
-    *("weights", "hang", "taken-off", "home", "write"),
-)
-"""What a walk asks: the first words of the keys, which a device or a number of a cable may follow after a point."""
-
-
-class FileOperator(Operator):
-    """Answers from a mapping of keys to answers, in place of a person.
-
-    Parameters
-    ----------
-    answers
-        An answer for each key, or a list of answers for a key that comes up more than once.
-    source
-        Where they come from, for messages.
-    """
-
-    def __init__(self, answers: Mapping[str, object], source: str) -> None:
-        self._answers = {
-            key: list(value) if isinstance(value, list) else value for key, value in answers.items()
-        }
-        self._source = source
-
-    def ask(self, key: str, question: str, default: str) -> str:
-        """Return the answer of the file, or the default where the file has none.
-
-        Raises
-        ------
-        ConfigurationError
-            If there is neither.
-        """
-        answer = self._answers.get(key, default)
-        if isinstance(answer, list):
-            answer = answer.pop(0) if answer else default
-        if answer == "":
-            raise ConfigurationError(f"{self._source}: {key} is missing: {question}")
-        text = {True: "yes", False: "no"}[answer] if isinstance(answer, bool) else str(answer)
-        self.tell(f"{question} {text}")
-        return text
-
-    def refuse(self, key: str, problem: str) -> None:
-        """End the walk: the file would give the same answer again."""
-        raise ConfigurationError(f"{self._source}: {key}: {problem}")
-
-
-class Questions:
-    """Questions with answers of one kind each; what cannot be understood is asked again.
-
-    Parameters
-    ----------
-    operator
-        Who answers.
-    """
-
-    def __init__(self, operator: Operator) -> None:
-        self._operator = operator
-
-    def tell(self, text: str) -> None:
-        """Show a text."""
-        self._operator.tell(text)
 
     def yes(self, key: str, question: str, default: str = "yes") -> bool:
         """Return whether the answer is yes."""
@@ -192,8 +119,67 @@ class Questions:
 
     def _until_understood(self, key: str, question: str, default: str, read: Callable[[str], _T]) -> _T:
         while True:
-            answer = self._operator.ask(key, question, default).strip() or default
+            answer = self.ask(key, question, default).strip() or default
             try:
                 return read(answer)
             except ValueError as error:
-                self._operator.refuse(key, f"'{answer}': {error}")
+                self.refuse(key, f"'{answer}': {error}")
+
+
+QUESTIONS = (
+    *(
+        "resume",
+        "keep",
+        "supported",
+        "turn",
+        "winch",
+        "way",
+        "mark",
+        "measured",
+        "pull",
+        "again",
+        "cell",
+        "slack",
+    ),
+    *("weights", "hang", "taken-off", "home", "write"),
+)
+"""What a walk asks: the first words of the keys, which a device or a number of a cable may follow after a point."""
+
+
+class FileOperator(Operator):
+    """Answers from a mapping of keys to answers, in place of a person.
+
+    Parameters
+    ----------
+    answers
+        An answer for each key, or a list of answers for a key that comes up more than once.
+    source
+        Where they come from, for messages.
+    """
+
+    def __init__(self, answers: Mapping[str, object], source: str) -> None:
+        self._answers = {
+            key: list(value) if isinstance(value, list) else value for key, value in answers.items()
+        }
+        self._source = source
+
+    def ask(self, key: str, question: str, default: str) -> str:
+        """Return the answer of the file, or the default where the file has none.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is neither.
+        """
+        answer = self._answers.get(key, default)
+        if isinstance(answer, list):
+            answer = answer.pop(0) if answer else default
+        if answer == "":
+            raise ConfigurationError(f"{self._source}: {key} is missing: {question}")
+        text = {True: "yes", False: "no"}[answer] if isinstance(answer, bool) else str(answer)
+        self.tell(f"{question} {text}")
+        return text
+
+    def refuse(self, key: str, problem: str) -> None:
+        """End the walk: the file would give the same answer again."""
+        raise ConfigurationError(f"{self._source}: {key}: {problem}")

@@ -14,8 +14,8 @@ from cspr_drivers.commission.configuration_file import difference, new_text
 from cspr_drivers.commission.findings import Findings, FindingsFile
 from cspr_drivers.commission.found_devices import require_no_driver
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
-from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, Questions, WalkStoppedError
-from cspr_drivers.commission.walk import Machine, Walk
+from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, WalkStoppedError
+from cspr_drivers.commission.walk import Walk
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.config.file_errors import as_configuration_error
 from cspr_drivers.config.file_replacement import replace_and_keep
@@ -86,8 +86,7 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
     if restart:
         kept.remove()
     findings = kept.load()
-    questions = Questions(operator)
-    if (findings.winches or findings.cells) and not questions.yes(
+    if (findings.winches or findings.cells) and not operator.yes(
         "resume",
         f"Go on with {kept.path} ({len(findings.winches)} winches, {len(findings.cells)} load cells)?",
     ):
@@ -96,27 +95,24 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
     try:
         require_no_driver(ports, can.master_node_id, can.timeouts.heartbeat_producer)
         with MasterHeartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
-            machine = Machine(can, ports, _pay_out(robot), torque)
-            Walk(machine, questions, findings, kept.save).run()
+            Walk(can, ports, _pay_out(robot), torque, operator, findings, kept.save).run()
     finally:
         ports.close()
-    return _write(config, can, findings, questions, kept)
+    return _write(config, can, findings, operator, kept)
 
 
-def _write(
-    path: Path, config: CanConfig, findings: Findings, questions: Questions, kept: FindingsFile
-) -> int:
+def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator, kept: FindingsFile) -> int:
     old = path.read_text(encoding="utf-8")
     new = new_text(old, config, findings)
-    questions.tell(f"8. {path}")
+    operator.tell(f"8. {path}")
     changes = difference(old, new, path)
     if not changes:
-        questions.tell("   nothing changes: the machine is what the file says")
+        operator.tell("   nothing changes: the machine is what the file says")
     else:
-        questions.tell(changes)
-        if not questions.yes("write", "   Write it?"):
+        operator.tell(changes)
+        if not operator.yes("write", "   Write it?"):
             raise WalkStoppedError(f"{path} is unchanged; the findings are kept in {kept.path}")
-        questions.tell(f"   written; the old file is {replace_and_keep(path, new)}")
+        operator.tell(f"   written; the old file is {replace_and_keep(path, new)}")
     kept.remove()
     return 0
 

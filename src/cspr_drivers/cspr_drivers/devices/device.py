@@ -190,8 +190,12 @@ class CanopenDevice:
             self._node.nmt.send_command(command)
         except can.CanError as error:
             raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
-        if command is NmtCommand.START:
-            self._started = self.clock.monotonic()
+
+    def start(self) -> None:
+        """Send the command to start, and count the heartbeat's age from now on; raises as `command`."""
+        self._heartbeat = self.clock.monotonic()
+        self.command(NmtCommand.START)
+        self._started = self.clock.monotonic()
 
     def leave_stopped(self) -> None:
         """Let a stopped device answer SDO requests again (CiA 301, section 7.3.2.2.4); raises as `command`."""
@@ -201,10 +205,6 @@ class CanopenDevice:
     def heartbeat_age(self, now: float) -> float:
         """Return the time since the last heartbeat, s."""
         return now - self._heartbeat
-
-    def expect_heartbeat(self) -> None:
-        """Count the heartbeat's age from now on: the device has just been told to send it."""
-        self._heartbeat = self.clock.monotonic()
 
     def problem(self, now: float, times: Timeouts) -> str:
         """Return, in words, that the device is silent or has left NMT operational; empty when all is well."""

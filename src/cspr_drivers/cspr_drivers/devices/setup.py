@@ -87,28 +87,19 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     device.wait_for(DRIVE_MODE)
     code = device.read_if_present(Parameter(0x603F, 0, 16, 0, "error code")) or 0
     register = device.read_if_present(Parameter(0x1001, 0, 8, 0, "error register")) or 0
-    _start(device)
+    device.start()
     return DriveFacts(current, unit, _emergency_stop(device, config), code, register, len(wrong))
 
 
-@dataclass(frozen=True)
-class LoadCellFacts:
-    """What an amplifier says about itself when it is set up.
-
-    Attributes
-    ----------
-    span
-        Process values between which it measures (9148h, 9149h), both `None` when it does not report it.
-    written
-        Settings that had to be written, 0 when it was configured already.
-    """
-
-    span: tuple[int | None, int | None]
-    written: int
-
-
-def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> LoadCellFacts:
+def set_up_load_cell(
+    device: CanopenDevice, config: CanConfig, cell: LoadCellConfig
+) -> tuple[int | None, int | None]:
     """Bring an amplifier to NMT operational, likewise.
+
+    Returns
+    -------
+    tuple
+        Process values between which it measures (9148h, 9149h), both `None` when it does not report it.
 
     Raises
     ------
@@ -127,8 +118,8 @@ def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellCon
         Parameter(0x9149, 1, 32, 0, "AI span end", signed=True),
     ]
     low, high = map(device.read_if_present, ends)
-    _start(device)
-    return LoadCellFacts((low, high), len(wrong))
+    device.start()
+    return low, high
 
 
 def _identify(device: CanopenDevice, identity: Identity | None) -> None:
@@ -201,8 +192,3 @@ def _require_no_torque(device: CanopenDevice) -> None:
         raise DeviceError(
             device.name, f"is in {state.value} and not set up: that waits until it has come to rest"
         )
-
-
-def _start(device: CanopenDevice) -> None:
-    device.expect_heartbeat()
-    device.command(NmtCommand.START)

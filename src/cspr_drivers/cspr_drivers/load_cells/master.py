@@ -174,9 +174,9 @@ class LoadCellMaster:
 
     def _configure(self, index: int) -> None:
         """Bring an amplifier to NMT operational; run by the set-up thread."""
-        facts = set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
+        span = set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
         with self._lock:
-            self._cycle.configured(index, facts.span)
+            self._cycle.configured(index, span)
 
     def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:

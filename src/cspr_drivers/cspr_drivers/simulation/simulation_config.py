@@ -98,19 +98,26 @@ class PayloadChange:
     payload: Payload
 
 
-@dataclass(frozen=True)
-class SimulationConfig:
-    """Everything that the simulated machine is and the controller is not told."""
+@dataclass(frozen=True, kw_only=True)
+class SimulationValues:
+    """What is used as it stands in the file; `time_step` is the longest step of the integration, s."""
 
-    robot: Robot
     cables: CableProperties
     brake: BrakeProperties
     drive: DriveProperties
     load_cells: LoadCellProperties
+    # the fastest mode, the platform turning on its cables, is near 100 Hz
+    time_step: Annotated[float, Meta(gt=0.0, le=2e-3, description="or the cables are not integrated stably")]
+    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationConfig(SimulationValues):
+    """Everything that the simulated machine is and the controller is not told."""
+
+    robot: Robot
     payload: Payload
     payload_changes: tuple[PayloadChange, ...]
-    time_step: float
-    seed: int
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> SimulationConfig:
@@ -158,21 +165,14 @@ class _PayloadChangeEntry(_PayloadEntry):
     time: NotNegative
 
 
-@dataclass(frozen=True)
-class _File:
-    """The content of simulation.yaml; `time_step` is the longest step of the integration, s."""
+@dataclass(frozen=True, kw_only=True)
+class _File(SimulationValues):
+    """The content of simulation.yaml."""
 
     robot: Text
     true_values: _TrueValues
-    cables: CableProperties
-    brake: BrakeProperties
-    drive: DriveProperties
-    load_cells: LoadCellProperties
     payload: _PayloadEntry
     payload_changes: list[_PayloadChangeEntry]
-    # the fastest mode, the platform turning on its cables, is near 100 Hz
-    time_step: Annotated[float, Meta(gt=0.0, le=2e-3, description="or the cables are not integrated stably")]
-    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)]
 
 
 def _config(file: _File, path: Path) -> SimulationConfig:
@@ -186,14 +186,9 @@ def _config(file: _File, path: Path) -> SimulationConfig:
     changes = sorted(file.payload_changes, key=lambda change: change.time)
     return SimulationConfig(
         robot=robot,
-        cables=file.cables,
-        brake=file.brake,
-        drive=file.drive,
-        load_cells=file.load_cells,
+        **{field.name: getattr(file, field.name) for field in dataclasses.fields(SimulationValues)},
         payload=Payload(file.payload.mass, file.payload.center_of_mass),
         payload_changes=tuple(PayloadChange(c.time, Payload(c.mass, c.center_of_mass)) for c in changes),
-        time_step=file.time_step,
-        seed=file.seed,
     )
 
 
