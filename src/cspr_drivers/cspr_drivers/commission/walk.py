@@ -129,8 +129,7 @@ class Walk:
 
     def identify_winches(self) -> None:
         """Find out which drive turns which winch, and in which direction it counts."""
-        done = {winch.device for winch in self._findings.winches.values()}
-        left = [d for d in self._of_profile(cia402.DEVICE_PROFILE) if d not in done]
+        left = self._unknown(cia402.DEVICE_PROFILE)
         if not left:
             return
         self._ask.tell(
@@ -197,8 +196,7 @@ class Walk:
 
     def identify_cells(self) -> None:
         """Find out which amplifier belongs to which cable."""
-        free = [d for d in self._of_profile(cia404.DEVICE_PROFILE) if d not in self._cells_known()]
-        if not free:
+        if not self._unknown(cia404.DEVICE_PROFILE):
             return
         self._ask.tell("4. Load cells. Pull on one cable after the other, by hand.")
         for place in self._places:
@@ -207,7 +205,7 @@ class Walk:
 
     def _identify_cell(self, place: int) -> None:
         while True:
-            free = [d for d in self._of_profile(cia404.DEVICE_PROFILE) if d not in self._cells_known()]
+            free = self._unknown(cia404.DEVICE_PROFILE)
             before = [self._cell(device, place).glance() for device in free]
             self._ask.done(f"pull.{place}", f"   Pull on cable {place}, and go on pulling.")
             changes = [
@@ -321,8 +319,11 @@ class Walk:
     def _of_profile(self, profile: int) -> list[FoundDevice]:
         return [device for device in self._present if device.profile == profile]
 
-    def _cells_known(self) -> list[FoundDevice]:
-        return [cell.device for cell in self._findings.cells.values()]
+    def _unknown(self, profile: int) -> list[FoundDevice]:
+        """Return the devices of which it is not known yet to which cable they belong."""
+        known = [winch.device for winch in self._findings.winches.values()]
+        known += [cell.device for cell in self._findings.cells.values()]
+        return [device for device in self._of_profile(profile) if device not in known]
 
     def _name(self, device: FoundDevice) -> str:
         """Return a name for keys and choices; with one bus the node id is enough."""

@@ -66,12 +66,9 @@ class DriveMaster:
         self._cycle = DriveCycle(config)
         self._lock = threading.Lock()  # over the cycle
         self._sending = threading.Lock()  # over what it returns, until that is sent
-        self._storing = (
-            threading.Lock()
-        )  # over a home pose that is being stored: nothing is enabled meanwhile
+        self._storing = threading.Lock()  # while a home pose is stored: nothing is enabled meanwhile
         self._message = CyclicFrame(0)  # the one being sent
         self._heartbeats_due = 0.0
-        self._other_driver = threading.Event()
         self._started = self._stopped = False
         self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
         self._setup = SetupThread(
@@ -98,12 +95,11 @@ class DriveMaster:
         BusError
             If another driver is active on one of the buses.
         """
-        for port in self._ports:
-            port.subscribe(self._heartbeat, lambda data, now: self._other_driver.set())
-        if self._other_driver.wait(self._clock.on_computer(1.5 * self.config.timeouts.heartbeat_producer)):
+        node = self.config.master_node_id
+        wait = self._clock.on_computer(1.5 * self.config.timeouts.heartbeat_producer)
+        if bus := self._ports.hear(cob_id(FunctionCode.HEARTBEAT, node), wait):
             raise BusError(
-                "another driver is active on the CAN bus: "
-                f"its heartbeat as node {self.config.master_node_id} was seen"
+                f"another driver is active on the CAN bus {bus}: its heartbeat as node {node} was seen"
             )
         self._started = True
         for port, identifier, handler in self._handlers():
@@ -128,8 +124,6 @@ class DriveMaster:
         self._stopped = True
         if self._started:
             self._leave_drives()
-        for port in self._ports:
-            port.unsubscribe(self._heartbeat)
         for device in self._devices:
             device.release()
 
@@ -287,10 +281,6 @@ class DriveMaster:
                 )
             if config.emergency_stop_input is not None:
                 yield port, cob_id(FunctionCode.TPDO3, drive.node_id), partial(self._take_inputs, index)
-
-    @property
-    def _heartbeat(self) -> int:
-        return cob_id(FunctionCode.HEARTBEAT, self.config.master_node_id)
 
     # The devices.
 
