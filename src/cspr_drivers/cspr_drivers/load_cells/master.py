@@ -65,6 +65,11 @@ class LoadCellMaster:
         of a cycle has answered.
     report
         Given lines for the log.
+
+    Attributes
+    ----------
+    clock
+        Clock of the machine, as of the buses.
     """
 
     def __init__(
@@ -76,6 +81,7 @@ class LoadCellMaster:
     ) -> None:
         self._config = config
         self._ports = ports
+        self.clock = ports.clock
         self._publish = publish
         self._report = report
         self._lock = threading.Lock()
@@ -84,7 +90,7 @@ class LoadCellMaster:
         self._stopped = False
         self._taring: Thread | None = None
         self._setup = SetupThread(
-            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, ports.clock
+            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, self.clock
         )
         self._devices = [
             CanopenDevice(
@@ -136,7 +142,7 @@ class LoadCellMaster:
         if refusal is None and self._taring is not None and self._taring.is_alive():
             refusal = "taring is under way"
         if refusal is None:
-            self._taring = self._ports.clock.start(self._tare, "tare")
+            self._taring = self.clock.start(self._tare, "tare")
         return refusal
 
     def watch(self, now: float) -> None:
@@ -180,7 +186,7 @@ class LoadCellMaster:
 
     def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:
-            self._cycle.emergency(index, Emergency(code, register, data, self._ports.clock.monotonic()))
+            self._cycle.emergency(index, Emergency(code, register, data, self.clock.monotonic()))
 
     def _tare(self) -> None:
         result = "all load cells tared"

@@ -53,25 +53,25 @@ class CanDrives(DriverNode[DriveMaster]):
             )
         return DriveMaster(self.config, ports, self._publish, self.get_logger().warning)
 
-    def disarm(self) -> None:
+    def disarm(self, master: DriveMaster) -> None:
         """Close the brakes, and wait until they hold."""
-        self.master.come_to_rest()
-        self.publish_states()
+        master.come_to_rest()
+        self.publish_states(master)
 
     def end(self) -> None:
         """Close the brakes, wait until they hold, and leave the bus."""
         if self._master is not None:
             self._master.stop()
-            self.publish_states()
+            self.publish_states(self._master)
         super().end()
 
-    def present(self) -> object:
+    def present(self, master: DriveMaster) -> object:
         """Return state and cause of all drives, and the state of each."""
-        return self.master.states()
+        return master.states()
 
-    def statuses(self) -> list[Status]:
+    def statuses(self, master: DriveMaster) -> list[Status]:
         """Return the states of the drives; a new state of all of them is logged."""
-        report = self.master.snapshot()
+        report = master.snapshot()
         if report.state is not self._state:
             self._state = report.state
             self.get_logger().info(
@@ -79,25 +79,25 @@ class CanDrives(DriverNode[DriveMaster]):
             )
         return drive_states(report)
 
-    def diagnostics(self) -> list[Status]:
+    def diagnostics(self, master: DriveMaster) -> list[Status]:
         """Return the health of the driver, and that of each drive."""
-        return drive_diagnostics(self.master.snapshot())
+        return drive_diagnostics(master.snapshot())
 
     def _offer(self, prefix: str, index: int | None, quick_stop: str) -> None:
         """Offer the commands to all drives, or to one."""
 
-        def disable() -> None:
-            self.master.disable(index)
+        def disable(master: DriveMaster) -> None:
+            master.disable(index)
 
-        self.service(f"{prefix}/enable", lambda: self.master.enable(index), needs_active=True)
+        self.service(f"{prefix}/enable", lambda master: master.enable(index), needs_active=True)
         self.service(f"{prefix}/disable", disable)
-        self.service(f"{prefix}/quick_stop", lambda: self.master.quick_stop(quick_stop))
-        self.service(f"{prefix}/fault_reset", lambda: self.master.fault_reset(index))
+        self.service(f"{prefix}/quick_stop", lambda master: master.quick_stop(quick_stop))
+        self.service(f"{prefix}/fault_reset", lambda master: master.fault_reset(index))
 
-    def _set_home(self) -> str | None:
-        refusal = self.master.set_home()
+    def _set_home(self, master: DriveMaster) -> str | None:
+        refusal = master.set_home()
         if refusal is None:
-            self.config = self.master.config
+            self.config = master.config
             self.get_logger().warning(
                 f"the present pose is the home pose now, stored in {self.config.source}"
             )

@@ -94,20 +94,6 @@ class DriverNode(LifecycleNode, Generic[_Master]):
                 raise self._error
         self._starting = False
 
-    @property
-    def ports(self) -> CanPorts:
-        """The open buses of a node that is configured."""
-        if self._ports is None:
-            raise RuntimeError("the node is not configured")
-        return self._ports
-
-    @property
-    def master(self) -> _Master:
-        """The driver of a node that is configured."""
-        if self._master is None:
-            raise RuntimeError("the node is not configured")
-        return self._master
-
     # What a driver adds
 
     @abstractmethod
@@ -119,18 +105,18 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         """Return the driver; it is started by the caller."""
 
     @abstractmethod
-    def present(self) -> object:
+    def present(self, master: _Master) -> object:
         """Return the states of the devices, to find out whether they have changed."""
 
     @abstractmethod
-    def statuses(self) -> list[Status]:
+    def statuses(self, master: _Master) -> list[Status]:
         """Return the states of the devices, to be published."""
 
     @abstractmethod
-    def diagnostics(self) -> list[Status]:
+    def diagnostics(self, master: _Master) -> list[Status]:
         """Return the health of driver and devices."""
 
-    def disarm(self) -> None:
+    def disarm(self, master: _Master) -> None:
         """Bring the devices to rest; they stay on the buses."""
 
     # Life cycle
@@ -147,7 +133,7 @@ class DriverNode(LifecycleNode, Generic[_Master]):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the devices to rest and no longer allow arming."""
         self.active = False
-        return self._attempt(self.disarm)
+        return self._attempt(lambda: None if self._master is None else self.disarm(self._master))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Leave the buses."""
@@ -174,7 +160,7 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         self._leave()
         super().destroy_node()
 
-    def service(self, name: str, act: Callable[[], str | None], needs_active: bool = False) -> None:
+    def service(self, name: str, act: Callable[[_Master], str | None], needs_active: bool = False) -> None:
         """Offer a command; `act` returns why it is refused, or `None`.
 
         Parameters
@@ -182,18 +168,18 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         name
             Of the service, of type ``std_srvs/srv/Trigger``.
         act
-            What is done.
+            What the driver is told.
         needs_active
             Whether the command arms something.
         """
 
         def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            if self._ports is None:
+            if self._master is None:
                 refusal: str | None = f"{self.get_name()} is not configured"
             elif needs_active and not self.active:
                 refusal = f"{self.get_name()} is inactive: activate it first"
             else:
-                refusal = act()
+                refusal = act(self._master)
             response.success = refusal is None
             response.message = refusal or "accepted"
             return response
@@ -217,19 +203,22 @@ class DriverNode(LifecycleNode, Generic[_Master]):
 
     def _watch_states(self) -> None:
         self._since_published += _STATE_PERIOD
-        if self._master is not None and (self._since_published >= 1.0 or self.present() != self._published):
-            self.publish_states()
+        if self._master is not None and (
+            self._since_published >= 1.0 or self.present(self._master) != self._published
+        ):
+            self.publish_states(self._master)
 
-    def publish_states(self) -> None:
+    def publish_states(self, master: _Master) -> None:
         """Publish the states of the devices as they are."""
-        self._published = self.present()
+        self._published = self.present(master)
         self._since_published = 0.0
-        self._send_states(StatusArray(self.get_clock().now().nanoseconds, tuple(self.statuses())))
+        self._send_states(StatusArray(self.get_clock().now().nanoseconds, tuple(self.statuses(master))))
 
     def _report(self) -> list[Status]:
-        if self._master is None:
+        master, ports = self._master, self._ports
+        if master is None or ports is None:
             return [Status.of(self.get_name(), Level.WARN, "not configured: no bus is open", {})]
-        return [*self.diagnostics(), *(bus_status(self.name, port) for port in self.ports)]
+        return [*self.diagnostics(master), *(bus_status(self.name, port) for port in ports)]
 
     def _attempt(self, act: Callable[[], None]) -> TransitionCallbackReturn:
         try:

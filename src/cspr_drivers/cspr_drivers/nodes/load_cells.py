@@ -29,28 +29,28 @@ class LoadCells(DriverNode[LoadCellMaster]):
         self._names = cable_names(len(self.config.load_cells))
         self._codec = JointStateCodec(self._names, position=False, velocity=False)
         self._tensions = advertise(self, CABLE_TENSIONS)
-        self.service("~/tare", lambda: self.master.tare(tare_limit))
+        self.service("~/tare", lambda master: master.tare(tare_limit))
         steady_timer(self, WATCH_PERIOD, self._watch)
 
     def create_master(self, ports: CanPorts) -> LoadCellMaster:
         """Return a driver that configures the amplifiers and listens to them."""
         return LoadCellMaster(self.config, ports, self._publish, self.get_logger().warning)
 
-    def present(self) -> dict[str, str]:
+    def present(self, master: LoadCellMaster) -> dict[str, str]:
         """Return what is wrong with cells, by name."""
-        return self.master.problems(self.ports.clock.monotonic())
+        return master.problems(master.clock.monotonic())
 
-    def statuses(self) -> list[Status]:
+    def statuses(self, master: LoadCellMaster) -> list[Status]:
         """Return the states of the load cells."""
-        return load_cell_states(self._names, self.present())
+        return load_cell_states(self._names, self.present(master))
 
-    def diagnostics(self) -> list[Status]:
+    def diagnostics(self, master: LoadCellMaster) -> list[Status]:
         """Return the health of the driver, and that of each cell."""
-        return load_cell_diagnostics(self._names, self.master.snapshot(self.ports.clock.monotonic()))
+        return load_cell_diagnostics(self._names, master.snapshot(master.clock.monotonic()))
 
     def _watch(self) -> None:
         if self._master is not None:
-            self._master.watch(self.ports.clock.monotonic())
+            self._master.watch(self._master.clock.monotonic())
 
     def _publish(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self._tensions.publish(self._codec.encode(stamp_ns, effort=tensions))
