@@ -30,7 +30,7 @@ SWITCH_INTERVAL = 0.0001  # s
 
 _STATE_PERIOD = 0.02  # s; how soon a change of state is published
 
-_Master = TypeVar("_Master", DriveMaster, LoadCellMaster)
+_Master = TypeVar("_Master", bound=DriveMaster | LoadCellMaster)
 
 
 class DriverNode(LifecycleNode, Generic[_Master]):
