@@ -28,10 +28,9 @@ SIBLINGS = {  # a place in a package: what it may import of the others; the long
 BESIDE_THE_PRODUCT = ("benchmarks", "studies", "tests")
 ROS = {"rclpy", "builtin_interfaces", "std_srvs", "rcl_interfaces", "ament_index_python", "rosidl_parser"}
 CONVERSION_MODULES = {
-    "joint_state_conversion",
+    "conversion",
     "message_definitions",
     "qos",
-    "reference_conversion",
 }
 ROSDEP_KEYS = {  # of what does not come from ROS itself: module, and the dependency that brings it
     "can": "python3-can",

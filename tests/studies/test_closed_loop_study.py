@@ -21,7 +21,7 @@ from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
-from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.wire.stamped_doubles import INERTIA, StampedDoublesCodec
 
 ROOT = Path(__file__).parents[2]
 START = 1_700_000_000_000_000_000
@@ -68,7 +68,7 @@ def live(tmp_path):
         index = {
             t.name: bag.add_topic(RecordedTopic(t.name, t.type, message_definition(t.type))) for t in used
         }
-        reference, inertia = ReferenceCodec(), StampedDoublesCodec("platform", 10)
+        reference, inertia = ReferenceCodec(), StampedDoublesCodec("platform", INERTIA)
         point = paper_19(np.zeros(3)).sample(1.0)
         for cycle in range(-100, 1500):
             stamp = START + 1_300_000 + cycle * 4_000_000  # 1.3 ms after the start

@@ -29,6 +29,10 @@ class ReadOnlyArrays:
                 value.setflags(write=False)
         self.__dict__.update(state)
 
+    def _set(self, **attributes: object) -> None:
+        """Set attributes of a frozen dataclass; for its constructor alone."""
+        self.__dict__.update(attributes)
+
 
 def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
     """Return `value` as a finite float array whose last axes have the given sizes.

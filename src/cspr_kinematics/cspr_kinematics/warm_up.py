@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from cspr_kinematics.dynamics.dynamics import balance_regressor, required_wrench, static_wrench
+from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
 from cspr_kinematics.kinematics.forward import forward_kinematics
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
 from cspr_kinematics.motion.motion import motion_from_euler
@@ -41,7 +41,6 @@ def main() -> int:
     start = perf_counter()
     robot = Robot.from_yaml(sys.argv[1])
     warm_up(robot)
-    balance_regressor(robot.home, Twist.zero(), Acceleration.zero())  # needed when a run is analysed
     print(f"kernels of cspr_kinematics are ready ({perf_counter() - start:.1f} s)")
     return 0
 

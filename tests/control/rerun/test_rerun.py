@@ -26,6 +26,8 @@ from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.vocabulary import FeedforwardModel
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.stamped_doubles import INERTIA as INERTIA_DOUBLES
+from cspr_msgs_py.wire.stamped_doubles import POSE as POSE_DOUBLES
 from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
 
 CONFIG = Path(__file__).parents[3] / "config"
@@ -36,8 +38,8 @@ CYCLES = round(LENGTH * 250)
 STEP_AT = 1.0  # s: the load grows from 50 to 150 kg
 MOTORS = JointStateCodec(topics.motor_names(8))
 CABLES = JointStateCodec(topics.cable_names(8), position=False, velocity=False)
-POSE = StampedDoublesCodec(topics.BASE_FRAME, 7)
-INERTIA = StampedDoublesCodec(topics.PLATFORM_FRAME, 10)
+POSE = StampedDoublesCodec(topics.BASE_FRAME, POSE_DOUBLES)
+INERTIA = StampedDoublesCodec(topics.PLATFORM_FRAME, INERTIA_DOUBLES)
 REFERENCE = ReferenceCodec()
 PARAMETER_EVENTS = topics.Topic(
     "/parameter_events", "rcl_interfaces/msg/ParameterEvent", topics.Reliability.RELIABLE,

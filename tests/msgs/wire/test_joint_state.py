@@ -9,8 +9,8 @@ from sensor_msgs.msg import JointState
 
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.topics import motor_names
+from cspr_msgs_py.wire.conversion import decode_joint, decode_joint_state
 from cspr_msgs_py.wire.joint_state import FIELDS, JointStateCodec
-from cspr_msgs_py.wire.joint_state_conversion import decode_joint, decode_joint_state
 
 STAMP = 1_700_000_000_123_456_789
 

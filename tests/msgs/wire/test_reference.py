@@ -7,8 +7,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.wire.conversion import decode_reference
 from cspr_msgs_py.wire.reference import VECTORS, ReferenceCodec, ReferenceSample
-from cspr_msgs_py.wire.reference_conversion import decode_reference
 
 CODEC = ReferenceCodec()
 

@@ -24,8 +24,7 @@ from cspr_msgs_py.runtime.process import advertise, steady_timer, subscribe_raw
 from cspr_msgs_py.topics import DIAGNOSTICS, JOINT_STATE, MULTI_DOF_TRAJECTORY, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import Bytes
-from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
-from cspr_msgs_py.wire.reference_conversion import decode_reference
+from cspr_msgs_py.wire.conversion import decode_joint_state, decode_reference
 from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 _ANY_LAYOUT = {JOINT_STATE: decode_joint_state, MULTI_DOF_TRAJECTORY: decode_reference}

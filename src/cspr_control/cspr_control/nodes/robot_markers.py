@@ -58,10 +58,9 @@ from cspr_msgs_py.topics import (
     cable_names,
 )
 from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.conversion import decode_joint_state, decode_reference
 from cspr_msgs_py.wire.joint_state import JointStateCodec
-from cspr_msgs_py.wire.joint_state_conversion import decode_joint_state
 from cspr_msgs_py.wire.reference import ReferenceCodec
-from cspr_msgs_py.wire.reference_conversion import decode_reference
 from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, Status
 
 _PERIOD = 0.1  # s

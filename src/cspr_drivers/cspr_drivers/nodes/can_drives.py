@@ -16,8 +16,8 @@ from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import advertise, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
 from cspr_msgs_py.vocabulary import DriverState
+from cspr_msgs_py.wire.conversion import decode_joint
 from cspr_msgs_py.wire.joint_state import JointStateCodec
-from cspr_msgs_py.wire.joint_state_conversion import decode_joint
 from cspr_msgs_py.wire.samples import Status
 
 

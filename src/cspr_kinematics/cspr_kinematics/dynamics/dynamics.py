@@ -9,17 +9,13 @@ from numpy.typing import ArrayLike
 
 from cspr_kinematics.arrays import FloatArray, broadcast_batch, checked, frozen
 from cspr_kinematics.compiled import kernel_input
-from cspr_kinematics.dynamics._dynamics import (
-    GRAVITY_Z,
-    balance_regressors,
-    required_wrenches,
-    static_wrenches,
-)
+from cspr_kinematics.dynamics._dynamics import GRAVITY_Z, required_wrenches
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot.rigid_body import Payload
 from cspr_kinematics.robot.robot import Robot
 
 GRAVITY = frozen(np.array([0.0, 0.0, GRAVITY_Z]))  # in base, m/s^2
+_UNIT_PARAMETERS = [frozen(row) for row in np.eye(10)]
 
 
 def required_wrench(
@@ -71,8 +67,9 @@ def static_wrench(
     Parameters, result (..., 6) and errors are those of `required_wrench`.
     """
     n = math.prod(pose.batch_shape)
-    wrench = np.empty((n, 6))
-    static_wrenches(_total_parameters(robot, payload), kernel_input(pose.rotation, n, 3, 3), wrench)
+    wrench, still = np.empty((n, 6)), kernel_input(np.zeros((n, 3)), n, 3)
+    rotations = kernel_input(pose.rotation, n, 3, 3)
+    required_wrenches(_total_parameters(robot, payload), rotations, still, still, still, wrench)
     return _less_external(wrench.reshape(*pose.batch_shape, 6), external_wrench)
 
 
@@ -93,9 +90,10 @@ def balance_regressor(pose: Pose, twist: Twist, acceleration: Acceleration) -> F
         If the batch axes do not broadcast.
     """
     batch, arrays = _motion_arrays(pose, twist, acceleration)
-    regressor = np.empty((math.prod(batch), 6, 10))
-    balance_regressors(*arrays, regressor)
-    return regressor.reshape(*batch, 6, 10)
+    columns = np.empty((10, math.prod(batch), 6))
+    for unit, column in zip(_UNIT_PARAMETERS, columns, strict=True):
+        required_wrenches(unit, *arrays, column)  # linear in the parameters: of each alone, with the value 1
+    return np.moveaxis(columns, 0, -1).reshape(*batch, 6, 10)
 
 
 def _total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:

@@ -86,10 +86,6 @@ class ForwardKinematicsSolution(ReadOnlyArrays):
     slack: FloatArray
     covariance: FloatArray | None = None
 
-    def __post_init__(self) -> None:
-        for array in (self.residual, self.converged, self.status, self.slack):
-            array.setflags(write=False)
-
 
 def forward_kinematics(
     robot: Robot,
@@ -191,9 +187,9 @@ def _solution(solved: _Solved) -> ForwardKinematicsSolution:
     return ForwardKinematicsSolution(
         Pose.trusted(in_batch(solved.position, batch), in_batch(solved.rotation, batch)),
         in_batch(solved.error, batch),
-        solved.converged.reshape(batch),
+        in_batch(solved.converged, batch),
         solved.iterations,
-        solved.status.reshape(batch),
+        in_batch(solved.status, batch),
         in_batch(solved.slack, batch),
         covariance,
     )

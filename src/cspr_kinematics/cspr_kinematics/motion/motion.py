@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,10 @@ from cspr_kinematics.motion.so3 import cross
 
 # The direction of a quaternion shorter than this is spoilt by rounding.
 _SHORTEST_QUATERNION = 1e-6
+# What is given, for errors.
+_LINEAR = ("position", "velocity", "acceleration")
+_ANGLES = ("angles", "angle_rates", "angle_accelerations")
+_QUATERNIONS = ("quaternion_xyzw", "quaternion_rate", "quaternion_acceleration")
 
 
 class Motion(NamedTuple):
@@ -53,22 +58,12 @@ def motion_from_euler(
     InvalidInputError
         If a value is not finite or has another shape, or the batch axes do not broadcast.
     """
-    p, v, a = _linear(position, velocity, acceleration)
-    q, qd, qdd = (
-        checked(name, value, 3)
-        for name, value in (
-            ("angles", angles),
-            ("angle_rates", angle_rates),
-            ("angle_accelerations", angle_accelerations),
-        )
-    )
-    batch = broadcast_batch(
-        angles=q.shape[:-1], angle_rates=qd.shape[:-1], angle_accelerations=qdd.shape[:-1]
-    )
+    p, v, a = _vectors(3, _LINEAR, (position, velocity, acceleration))
+    turning = _vectors(3, _ANGLES, (angles, angle_rates, angle_accelerations))
+    batch = _common_batch(_ANGLES, turning)
     n = math.prod(batch)
     angles, rates, growths = (
-        kernel_input(x if x.shape[:-1] == batch else np.broadcast_to(x, (*batch, 3)), n, 3)
-        for x in (q, qd, qdd)
+        kernel_input(x if x.shape[:-1] == batch else np.broadcast_to(x, (*batch, 3)), n, 3) for x in turning
     )
     Q, omega, alpha = np.empty((*batch, 3, 3)), np.empty((*batch, 3)), np.empty((*batch, 3))
     euler_motions(angles, rates, growths, Q.reshape(n, 3, 3), omega.reshape(n, 3), alpha.reshape(n, 3))
@@ -103,20 +98,9 @@ def motion_from_quaternion(
         If a value is not finite or has another shape, the batch axes do not broadcast, or a quaternion is
         zero.
     """
-    p, v, a = _linear(position, velocity, acceleration)
-    q, qd, qdd = (
-        checked(name, value, 4)
-        for name, value in (
-            ("quaternion_xyzw", quaternion_xyzw),
-            ("quaternion_rate", quaternion_rate),
-            ("quaternion_acceleration", quaternion_acceleration),
-        )
-    )
-    broadcast_batch(
-        quaternion_xyzw=q.shape[:-1],
-        quaternion_rate=qd.shape[:-1],
-        quaternion_acceleration=qdd.shape[:-1],
-    )
+    p, v, a = _vectors(3, _LINEAR, (position, velocity, acceleration))
+    q, qd, qdd = _vectors(4, _QUATERNIONS, (quaternion_xyzw, quaternion_rate, quaternion_acceleration))
+    _common_batch(_QUATERNIONS, (q, qd, qdd))
     square = np.einsum("...i,...i->...", q, q)[..., None]
     if square.size and square.min() < _SHORTEST_QUATERNION**2:
         raise InvalidInputError("quaternion_xyzw", q, "a quaternion of length zero is no rotation")
@@ -175,9 +159,12 @@ class PoseSpline:
         return motion_from_quaternion(x[..., :3], v[..., :3], a[..., :3], x[..., 3:], v[..., 3:], a[..., 3:])
 
 
-def _linear(*vectors: ArrayLike) -> list[FloatArray]:
-    names = ("position", "velocity", "acceleration")
-    return [checked(name, value, 3) for name, value in zip(names, vectors, strict=True)]
+def _vectors(size: int, names: tuple[str, ...], vectors: tuple[ArrayLike, ...]) -> list[FloatArray]:
+    return [checked(name, vector, size) for name, vector in zip(names, vectors, strict=True)]
+
+
+def _common_batch(names: tuple[str, ...], vectors: Iterable[FloatArray]) -> tuple[int, ...]:
+    return broadcast_batch(**{name: x.shape[:-1] for name, x in zip(names, vectors, strict=True)})
 
 
 def _vector_of_product(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,8 +56,7 @@ class Pose(ReadOnlyArrays):
             raise InvalidInputError("rotation", Q, f"not orthonormal (Q Q^T - 1 reaches {defect:.3g})")
         if determinant < 0.0:
             raise InvalidInputError("rotation", Q, "left-handed (determinant -1), a reflection")
-        object.__setattr__(self, "position", p)
-        object.__setattr__(self, "rotation", Q)
+        self._set(position=p, rotation=Q)
 
     @classmethod
     def trusted(cls, position: FloatArray, rotation: FloatArray) -> Pose:
@@ -71,8 +71,7 @@ class Pose(ReadOnlyArrays):
         pose = object.__new__(cls)
         position.setflags(write=False)
         rotation.setflags(write=False)
-        object.__setattr__(pose, "position", position)
-        object.__setattr__(pose, "rotation", rotation)
+        pose._set(position=position, rotation=rotation)
         return pose
 
     @classmethod
@@ -157,8 +156,13 @@ class _LinearAngular(ReadOnlyArrays):
         if v.shape != omega.shape:
             batch = broadcast_batch(linear=v.shape[:-1], angular=omega.shape[:-1])
             v, omega = np.broadcast_to(v, (*batch, 3)), np.broadcast_to(omega, (*batch, 3))
-        object.__setattr__(self, "linear", frozen(v))
-        object.__setattr__(self, "angular", frozen(omega))
+        self._set(linear=frozen(v), angular=frozen(omega))
+
+    @classmethod
+    @cache
+    def zero(cls) -> Self:
+        """Return that of a platform at rest or, of an acceleration, in uniform translation too."""
+        return cls(np.zeros(3), np.zeros(3))
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -182,12 +186,6 @@ class Twist(_LinearAngular):
         If a value is not finite or has another shape.
     """
 
-    @classmethod
-    @cache
-    def zero(cls) -> Twist:
-        """Twist of a platform at rest."""
-        return cls(np.zeros(3), np.zeros(3))
-
 
 class Acceleration(_LinearAngular):
     """Acceleration of the platform in base axes.
@@ -204,9 +202,3 @@ class Acceleration(_LinearAngular):
     InvalidInputError
         If a value is not finite or has another shape.
     """
-
-    @classmethod
-    @cache
-    def zero(cls) -> Acceleration:
-        """Acceleration of a platform at rest or in uniform translation."""
-        return cls(np.zeros(3), np.zeros(3))

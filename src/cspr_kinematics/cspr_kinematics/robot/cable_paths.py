@@ -94,10 +94,8 @@ def home_lengths(
     InvalidInputError
         If the points do not match each other or the pulleys, home is a batch, or a cable has no path there.
     """
-    exits, anchors = (
-        checked_points("exit_points", exit_points),
-        checked_points("anchor_points", anchor_points),
-    )
+    exits = checked_points("exit_points", exit_points)
+    anchors = checked_points("anchor_points", anchor_points)
     check_cables(exits, anchors)
     if home.batch_shape:
         raise InvalidInputError("home", home.position, "must be a single pose")

@@ -53,8 +53,8 @@ class Pulleys(ReadOnlyArrays):
         if not np.all(largest > 0.0):
             raise InvalidInputError("swivel_axis", swivel_axis, "an axis of length zero has no direction")
         axes = axes / largest  # so that no square overflows
-        object.__setattr__(self, "radius", frozen(radii))
-        object.__setattr__(self, "swivel_axis", frozen(axes / np.linalg.norm(axes, axis=-1, keepdims=True)))
+        axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+        self._set(radius=frozen(radii), swivel_axis=frozen(axes))
 
     @classmethod
     def none(cls) -> Pulleys:

@@ -76,9 +76,11 @@ class RigidBody(_MassProperties):
     inertia: FloatArray
 
     def __init__(self, mass: float, center_of_mass: ArrayLike, inertia: ArrayLike) -> None:
-        object.__setattr__(self, "mass", positive_number("mass", mass))
-        object.__setattr__(self, "center_of_mass", single("center_of_mass", center_of_mass, 3))
-        object.__setattr__(self, "inertia", _inertia("inertia", inertia))
+        self._set(
+            mass=positive_number("mass", mass),
+            center_of_mass=single("center_of_mass", center_of_mass, 3),
+            inertia=_inertia("inertia", inertia),
+        )
 
     @cached_property
     def inertia_about_origin(self) -> FloatArray:
@@ -120,8 +122,8 @@ class Payload(_MassProperties):
     """
 
     def __init__(self, mass: float, center_of_mass: ArrayLike) -> None:
-        object.__setattr__(self, "mass", non_negative_number("payload mass", mass))
-        object.__setattr__(self, "center_of_mass", single("payload center_of_mass", center_of_mass, 3))
+        center = single("payload center_of_mass", center_of_mass, 3)
+        self._set(mass=non_negative_number("payload mass", mass), center_of_mass=center)
 
     @cached_property
     def inertial_parameters(self) -> FloatArray:
@@ -155,14 +157,11 @@ def _inertia(name: str, value: ArrayLike) -> FloatArray:
         raise InvalidInputError(name, value, "no body has this inertia: not symmetric")
     principal = np.linalg.eigvalsh(inertia)
     shown = ", ".join(f"{moment:.6g}" for moment in principal)
+    wrong = ""
     if principal[0] <= 0.0:
-        raise InvalidInputError(
-            name, value, f"no body has this inertia: principal moments {shown} are not all positive"
-        )
-    if principal[0] + principal[1] < principal[2] - tolerance:
-        raise InvalidInputError(
-            name,
-            value,
-            f"no body has this inertia: two of the principal moments {shown} add up to less than the third",
-        )
+        wrong = f"principal moments {shown} are not all positive"
+    elif principal[0] + principal[1] < principal[2] - tolerance:
+        wrong = f"two of the principal moments {shown} add up to less than the third"
+    if wrong:
+        raise InvalidInputError(name, value, f"no body has this inertia: {wrong}")
     return inertia

@@ -87,16 +87,19 @@ class Robot(ReadOnlyArrays):
     pulleys: Pulleys = field(default_factory=Pulleys.none)
 
     def __post_init__(self) -> None:
-        self._set("exit_points", checked_points("exit_points", self.exit_points))
-        self._set("anchor_points", checked_points("anchor_points", self.anchor_points))
-        check_cables(self.exit_points, self.anchor_points)
+        exits = checked_points("exit_points", self.exit_points)
+        anchors = checked_points("anchor_points", self.anchor_points)
+        check_cables(exits, anchors)
+        self._set(exit_points=exits, anchor_points=anchors)
         for name in ("frame_size", "platform_size", "workspace_min", "workspace_max", "trajectory_center"):
-            self._set(name, single(name, getattr(self, name), 3))
+            self._set(**{name: single(name, getattr(self, name), 3)})
         for name in ("frame_size", "platform_size"):
             if getattr(self, name).min() <= 0.0:
                 raise InvalidInputError(name, getattr(self, name), "every dimension must be positive")
-        self._set("tension_min", non_negative_number("tension_min", self.tension_min))
-        self._set("tension_max", positive_number("tension_max", self.tension_max))
+        self._set(
+            tension_min=non_negative_number("tension_min", self.tension_min),
+            tension_max=positive_number("tension_max", self.tension_max),
+        )
         if self.tension_min >= self.tension_max:
             raise InvalidInputError(
                 "tension_min", self.tension_min, f"must be below tension_max = {self.tension_max}"
@@ -129,17 +132,14 @@ class Robot(ReadOnlyArrays):
         InvalidInputError
             As in the constructor.
         """
-        exits = self.exit_points if exit_points is None else checked_points("exit_points", exit_points)
-        anchors = (
-            self.anchor_points if anchor_points is None else checked_points("anchor_points", anchor_points)
-        )
-        pulleys = self.pulleys if pulleys is None else pulleys
-        home = self.home if home is None else home
+        exits = self.exit_points if exit_points is None else exit_points
+        anchors = self.anchor_points if anchor_points is None else anchor_points
+        pulleys, home = pulleys or self.pulleys, home or self.home
         lengths = home_lengths(exits, anchors, home, pulleys)
         return dataclasses.replace(
             self,
-            exit_points=exits,
-            anchor_points=anchors,
+            exit_points=np.asarray(exits),
+            anchor_points=np.asarray(anchors),
             pulleys=pulleys,
             home=home,
             winch=dataclasses.replace(self.winch, home_lengths=lengths),
@@ -178,9 +178,6 @@ class Robot(ReadOnlyArrays):
         parts = robot_parts(mapping, source)
         with located(source):
             return cls(**parts)
-
-    def _set(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
 
     def _check_workspace(self) -> None:
         if np.any(self.workspace_min >= self.workspace_max):

@@ -44,12 +44,11 @@ class Winch(ReadOnlyArrays):
     home_lengths: FloatArray
 
     def __init__(self, drum_radius: float, gear_ratio: float, home_lengths: ArrayLike) -> None:
-        object.__setattr__(self, "drum_radius", positive_number("drum_radius", drum_radius))
-        object.__setattr__(self, "gear_ratio", positive_number("gear_ratio", gear_ratio))
+        radius, ratio = positive_number("drum_radius", drum_radius), positive_number("gear_ratio", gear_ratio)
         lengths = checked("home_lengths", home_lengths)
         if lengths.ndim != 1 or not np.all(lengths > 0.0):
             raise InvalidInputError("home_lengths", home_lengths, "must be one positive length per cable")
-        object.__setattr__(self, "home_lengths", frozen(lengths))
+        self._set(drum_radius=radius, gear_ratio=ratio, home_lengths=frozen(lengths))
 
     @property
     def ratio(self) -> float:

@@ -22,8 +22,7 @@ from cspr_kinematics.tensions._separating_direction import separating_direction_
 # A tension counts as at its limit within this share of the larger limit.
 ACTIVE_TOLERANCE = 1e-9
 
-
-# Codes of the methods.
+# Codes of the methods, in the order of `Method`.
 MINIMUM_NORM = 0
 CLOSEST = 1
 CENTROID = 2

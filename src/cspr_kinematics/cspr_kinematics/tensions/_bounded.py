@@ -12,6 +12,7 @@ import numpy as np
 
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
+from cspr_kinematics.motion._linear import solve_positive
 from cspr_kinematics.tensions._active_set import FOUND, nearest_feasible_kernel
 from cspr_kinematics.tensions._least_squares import bounded_least_squares_kernel
 from cspr_kinematics.tensions._null_space import null_space_kernel
@@ -179,7 +180,7 @@ def analytic_center_kernel(
     """
     m = A.shape[1]
     y = np.zeros(6)
-    L = np.empty((6, 6))
+    hessian = np.empty((6, 6))
     error = np.empty(6)
     step = np.empty(6)
     center = np.empty(m)
@@ -211,32 +212,20 @@ def analytic_center_kernel(
             for i in range(m):
                 tensions[i] = min(max(center[i], t_min[i]), t_max[i])
             return steps
-        # Cholesky factor of A D A^T, and the step that makes the error vanish to first order.
+        # The step that makes the error vanish to first order.
         for k in range(6):
+            step[k] = error[k]
             for j in range(k + 1):
                 value = 0.0
                 for i in range(m):
                     value += A[k, i] * stiffness[i] * A[j, i]
-                for q in range(j):
-                    value -= L[k, q] * L[j, q]
-                if j < k:
-                    L[k, j] = value / L[j, j]
-                elif value > 0.0:
-                    L[k, k] = np.sqrt(value)
-                else:
-                    return steps
+                hessian[k, j] = value
+        if not solve_positive(hessian, step):
+            return steps
         decrement = 0.0
         for k in range(6):
-            value = error[k]
-            for q in range(k):
-                value -= L[k, q] * step[q]
-            step[k] = value / L[k, k]
-            decrement += step[k] * step[k]
-        for k in range(5, -1, -1):
-            for q in range(k + 1, 6):
-                step[k] -= L[q, k] * step[q]
-            step[k] /= L[k, k]
-        decrement = np.sqrt(decrement)
+            decrement += error[k] * step[k]
+        decrement = np.sqrt(max(decrement, 0.0))
         damping = 1.0 if decrement < 0.25 else 1.0 / (1.0 + decrement)
         for k in range(6):
             y[k] += damping * step[k]

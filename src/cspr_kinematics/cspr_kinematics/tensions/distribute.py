@@ -12,19 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from cspr_kinematics.arrays import FloatArray, as_floats, broadcast_batch, checked
 from cspr_kinematics.compiled import in_batch, in_chunks, kernel_input
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
-from cspr_kinematics.tensions._batch import ANALYTIC_CENTER, CENTROID, CLOSEST, MINIMUM_NORM, distribute_batch
+from cspr_kinematics.tensions._batch import distribute_batch
 from cspr_kinematics.tensions._bounded import SINGULAR
 from cspr_kinematics.tensions.result import TensionResult
 
 Method = Literal["minimum_norm", "closest", "centroid", "analytic_center"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
-_CODES: dict[str, int] = {
-    "minimum_norm": MINIMUM_NORM,
-    "closest": CLOSEST,
-    "centroid": CENTROID,
-    "analytic_center": ANALYTIC_CENTER,
-}
 _EQUAL_WEIGHTS = kernel_input(np.ones(6), 6)
 _MOST_CABLES_WITH_CENTROID = 8
 # Below this many problems a thread costs more than it saves.
@@ -98,7 +92,7 @@ def distribute_tensions(
         raise InvalidInputError(
             "wrench_matrix", wrench_matrix, f"shape {A.shape} where (..., 6, m) with m >= 6 is needed"
         )
-    m, code = A.shape[-1], _CODES[method]
+    m, code = A.shape[-1], METHODS.index(method)
     if method == "centroid" and m > _MOST_CABLES_WITH_CENTROID:
         raise InvalidInputError(
             "method", method, f"for at most {_MOST_CABLES_WITH_CENTROID} cables, not {m}; use analytic_center"

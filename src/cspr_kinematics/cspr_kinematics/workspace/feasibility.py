@@ -17,7 +17,7 @@ from cspr_kinematics.arrays import (
     positive_number,
     single,
 )
-from cspr_kinematics.compiled import in_chunks, kernel_input
+from cspr_kinematics.compiled import in_batch, in_chunks, kernel_input
 from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
@@ -63,12 +63,11 @@ class Task(ReadOnlyArrays):
         linear_acceleration: ArrayLike = (0.0, 0.0, 0.0),
         angular_acceleration: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        object.__setattr__(self, "payload_min", non_negative_number("payload_min", payload_min))
-        object.__setattr__(self, "payload_max", non_negative_number("payload_max", payload_max))
-        if self.payload_min > self.payload_max:
-            raise InvalidInputError(
-                "payload_min", payload_min, f"must not exceed payload_max = {self.payload_max}"
-            )
+        least = non_negative_number("payload_min", payload_min)
+        most = non_negative_number("payload_max", payload_max)
+        if least > most:
+            raise InvalidInputError("payload_min", payload_min, f"must not exceed payload_max = {most}")
+        self._set(payload_min=least, payload_max=most)
         for name, value in (
             ("center_of_mass", center_of_mass),
             ("linear_acceleration", linear_acceleration),
@@ -77,7 +76,7 @@ class Task(ReadOnlyArrays):
             vector = single(name, value, 3)
             if name != "center_of_mass" and vector.min() < 0.0:
                 raise InvalidInputError(name, value, "must not be negative; it applies in both directions")
-            object.__setattr__(self, name, vector)
+            self._set(**{name: vector})
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +97,6 @@ class Feasibility(ReadOnlyArrays):
     margin: FloatArray
     payload_min: FloatArray
     payload_max: FloatArray
-
-    def __post_init__(self) -> None:
-        for array in (self.margin, self.payload_min, self.payload_max):
-            array.setflags(write=False)
 
     @property
     def feasible(self) -> BoolArray:
@@ -160,9 +155,8 @@ def assess_task(
     smallest, largest = np.maximum(payloads[:, 0], 0.0), payloads[:, 1]
     none = ~(largest >= 0.0)
     smallest[none] = np.nan
-    return Feasibility(
-        margin.reshape(batch), smallest.reshape(batch), np.where(none, np.nan, largest).reshape(batch)
-    )
+    largest = np.where(none, np.nan, largest)
+    return Feasibility(*(in_batch(array, batch) for array in (margin, smallest, largest)))
 
 
 def largest_acceleration(

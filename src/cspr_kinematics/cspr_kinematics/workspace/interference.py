@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, non_negative_number, single
-from cspr_kinematics.compiled import kernel_input
+from cspr_kinematics.compiled import in_batch, kernel_input
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
 from cspr_kinematics.motion.pose import Pose
@@ -40,10 +40,6 @@ class Interference(ReadOnlyArrays):
     pair_distances: FloatArray
     platform_distances: FloatArray
 
-    def __post_init__(self) -> None:
-        for array in (self.pairs, self.pair_distances, self.platform_distances):
-            array.setflags(write=False)
-
     @property
     def between_cables(self) -> FloatArray:
         """Smallest distance between any two cables, shape (...), m; infinite without a pair."""
@@ -58,19 +54,12 @@ class Interference(ReadOnlyArrays):
     def nearest(self) -> NearestPair:
         """The two things that come closest to each other, and where in the batch."""
         candidates: list[NearestPair] = []
-        if self.pair_distances.size:
-            *index, pair = np.unravel_index(int(self.pair_distances.argmin()), self.pair_distances.shape)
-            first, second = self.pairs[pair]
-            where = tuple(map(int, index))
-            smallest = float(self.pair_distances.min())
-            candidates.append(NearestPair(smallest, f"cable {first}", f"cable {second}", where))
-        if self.platform_distances.size:
-            *index, cable = np.unravel_index(
-                int(self.platform_distances.argmin()), self.platform_distances.shape
-            )
-            where = tuple(map(int, index))
-            smallest = float(self.platform_distances.min())
-            candidates.append(NearestPair(smallest, f"cable {cable + 1}", "platform", where))
+        named = [(f"cable {i}", f"cable {j}") for i, j in self.pairs]
+        with_platform = [(f"cable {k + 1}", "platform") for k in range(self.platform_distances.shape[-1])]
+        for distances, names in ((self.pair_distances, named), (self.platform_distances, with_platform)):
+            if distances.size:
+                *index, which = map(int, np.unravel_index(int(distances.argmin()), distances.shape))
+                candidates.append(NearestPair(float(distances.min()), *names[which], tuple(index)))
         if not candidates:
             raise InvalidInputError("pose", self.platform_distances.shape, "the batch holds no pose")
         return min(candidates, key=lambda candidate: candidate.distance)
@@ -156,9 +145,8 @@ def cable_interference(
         zone,
         box_distances,
     )
-    return Interference(
-        pairs + 1, pair_distances.reshape(*batch, len(pairs)), box_distances.reshape(*batch, m)
-    )
+    numbers = in_batch(pairs + 1, (len(pairs),))
+    return Interference(numbers, in_batch(pair_distances, batch), in_batch(box_distances, batch))
 
 
 def _share_a_point(robot: Robot, i: int, j: int) -> bool:

@@ -35,6 +35,7 @@ _SUBDIVISION = 5  # places along each axis of a cell that the border cuts
 _CELLS_AT_ONCE = 20_000
 _LEVEL = ((0.0, 0.0, 0.0),)
 _MOST_POSES = 50_000_000
+_ARRAYS = ("x", "y", "z", "margin", "payload_min", "payload_max")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +62,14 @@ class Workspace(ReadOnlyArrays):
 
     def __post_init__(self) -> None:
         shape = len(self.x), len(self.y), len(self.z)
-        for name in ("x", "y", "z", "margin", "payload_min", "payload_max"):
+        for name in _ARRAYS:
             array = np.asarray(getattr(self, name), dtype=np.float64)
             if name in "xyz":
                 if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all():
                     raise InvalidInputError(name, array, "2 or more increasing coordinates are needed")
             elif array.shape != shape:
                 raise InvalidInputError(name, array, f"shape {array.shape} where {shape} is needed")
-            object.__setattr__(self, name, frozen(array))
+            self._set(**{name: frozen(array)})
 
     @property
     def feasible(self) -> BoolArray:
@@ -137,15 +138,7 @@ class Workspace(ReadOnlyArrays):
     def save(self, path: str | Path) -> None:
         """Write the arrays to a compressed .npz file, under their names here."""
         with Path(path).open("wb") as file:
-            np.savez_compressed(
-                file,
-                x=self.x,
-                y=self.y,
-                z=self.z,
-                margin=self.margin,
-                payload_min=self.payload_min,
-                payload_max=self.payload_max,
-            )
+            np.savez_compressed(file, **{name: getattr(self, name) for name in _ARRAYS})
 
     @classmethod
     def load(cls, path: str | Path) -> Workspace:
@@ -158,7 +151,7 @@ class Workspace(ReadOnlyArrays):
         """
         try:
             with np.load(path) as data:
-                return cls(*(data[n] for n in ("x", "y", "z", "margin", "payload_min", "payload_max")))
+                return cls(*(data[name] for name in _ARRAYS))
         except (OSError, KeyError, ValueError) as error:
             raise InvalidInputError("path", str(path), f"not the file of a workspace ({error})") from error
 

@@ -15,7 +15,14 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, for_each_cable, positive_number
+from cspr_kinematics.arrays import (
+    FloatArray,
+    ReadOnlyArrays,
+    checked,
+    for_each_cable,
+    frozen,
+    positive_number,
+)
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
 from cspr_kinematics.tensions._null_space import RANK_TOLERANCE
@@ -40,10 +47,6 @@ class WrenchSet(ReadOnlyArrays):
     normals: FloatArray
     offsets: FloatArray
     lever: float
-
-    def __post_init__(self) -> None:
-        self.normals.setflags(write=False)
-        self.offsets.setflags(write=False)
 
     def margin(self, wrench: ArrayLike) -> FloatArray:
         """Return how far wrenches (..., 6) lie inside, shape (...), N.
@@ -101,7 +104,7 @@ def available_wrenches(
     count = faces_kernel(kernel_input(scaled, 6, m), low, high, faces)
     normals = faces[:count, :6].copy()
     normals[:, 3:] /= length
-    return WrenchSet(normals, faces[:count, 6].copy(), length)
+    return WrenchSet(frozen(normals), frozen(faces[:count, 6]), length)
 
 
 def tension_limits(t_min: ArrayLike, t_max: ArrayLike, m: int) -> tuple[FloatArray, FloatArray]:

@@ -5,19 +5,20 @@ by one. Messages of other layouts among them are decoded by the definition in th
 rows.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspr_msgs_py.bag.message_block import MessageBlock
-from cspr_msgs_py.wire.cdr import NANOSECONDS
+from cspr_msgs_py.wire.cdr import NANOSECONDS, Frame
 from cspr_msgs_py.wire.joint_state import FIELDS, JointStateCodec
-from cspr_msgs_py.wire.reference import ReferenceCodec
-from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.wire.message_values import nanoseconds, quaternion, vector
+from cspr_msgs_py.wire.reference import VECTORS, ReferenceCodec
+from cspr_msgs_py.wire.stamped_doubles import INERTIA, POSE, StampedDoublesCodec
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -131,15 +132,6 @@ class Messages(Samples):
         return np.array([attrgetter(field)(message) for message in self.messages])
 
 
-class _Codec(Protocol):
-    """A constant layout of messages."""
-
-    @property
-    def dtype(self) -> np.dtype[np.void]: ...
-
-    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]: ...
-
-
 class Collected:
     """The messages of some blocks: times, the columns of one layout, and what does not have it.
 
@@ -152,7 +144,7 @@ class Collected:
         Messages of other layouts by their row.
     """
 
-    def __init__(self, blocks: Iterable[MessageBlock], capacity: int, codec_of: Callable[[bytes], _Codec]):
+    def __init__(self, blocks: Iterable[MessageBlock], capacity: int, codec_of: Callable[[bytes], Frame]):
         self.codec: Any = None
         self.columns: dict[str, NDArray[Any]] = {}
         self.others: dict[int, bytes] = {}
@@ -169,7 +161,7 @@ class Collected:
         self.log_time_ns = _shortened(log_times, count)
         self.columns = {name: _shortened(column, count) for name, column in self.columns.items()}
 
-    def _begin(self, block: MessageBlock, capacity: int, codec_of: Callable[[bytes], _Codec]) -> None:
+    def _begin(self, block: MessageBlock, capacity: int, codec_of: Callable[[bytes], Frame]) -> None:
         self._dtype = np.dtype([])
         try:
             self.codec = codec_of(block.data(0))
@@ -229,15 +221,26 @@ class Collected:
             stamps *= NANOSECONDS
             stamps += self.columns["nanoseconds"]
         for row, message in others.items():
-            stamps[row] = _nanoseconds(message.header.stamp)
+            stamps[row] = nanoseconds(message.header.stamp)
         return stamps
 
-    def doubles(self, name: str, width: int, others: dict[int, Any], values: Callable[[Any], Any]) -> Floats:
-        """Return a column of doubles, those of other layouts by `values` of the message; shape (n, width)."""
-        column: Floats = self.columns.get(name, np.empty((len(self.log_time_ns), width)))
-        for row, message in others.items():
-            column[row] = values(message)
-        return column
+    def doubles(self, widths: Mapping[str, int], others: Mapping[int, Sequence[float]]) -> list[Floats]:
+        """Return columns of doubles (n, width) by name.
+
+        Parameters
+        ----------
+        widths
+            Their names in the layout, and how many doubles each has.
+        others
+            Of the messages of other layouts, by their row: all these doubles one after the other.
+        """
+        number = len(self.log_time_ns)
+        columns = [self.columns.get(name, np.empty((number, width))) for name, width in widths.items()]
+        ends = np.cumsum(list(widths.values()))[:-1]
+        for row, values in others.items():
+            for column, part in zip(columns, np.split(np.array(values), ends), strict=True):
+                column[row] = part
+        return columns
 
 
 def joint_states(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, decode: Decode) -> JointStates:
@@ -275,42 +278,27 @@ def references(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, dec
         time_from_start /= NANOSECONDS
         time_from_start += collected.columns["duration_seconds"]
     for row, message in others.items():
-        time_from_start[row] = _nanoseconds(message.points[0].time_from_start) / NANOSECONDS
-    pose = collected.doubles("pose", 7, others, lambda message: _transform(message.points[0].transforms[0]))
-    twist = collected.doubles("twist", 6, others, lambda message: _twist(message.points[0].velocities))
-    acceleration = collected.doubles(
-        "acceleration", 6, others, lambda message: _twist(message.points[0].accelerations)
-    )
-    return References(
-        start_ns,
-        collected.stamps(others),
-        collected.log_time_ns,
-        time_from_start,
-        pose[:, :3].copy(),
-        pose[:, 3:].copy(),
-        twist[:, :3].copy(),
-        twist[:, 3:].copy(),
-        acceleration[:, :3].copy(),
-        acceleration[:, 3:].copy(),
-    )
+        time_from_start[row] = nanoseconds(message.points[0].time_from_start) / NANOSECONDS
+    motion = collected.doubles(VECTORS, {row: _motion(message.points[0]) for row, message in others.items()})
+    return References(start_ns, collected.stamps(others), collected.log_time_ns, time_from_start, *motion)
 
 
 def poses(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, decode: Decode) -> Poses:
     """Return PoseStamped messages as columns."""
-    collected = Collected(blocks, capacity, lambda data: StampedDoublesCodec.of(data, 7))
+    collected = Collected(blocks, capacity, lambda data: StampedDoublesCodec.of(data, POSE))
     others = collected.decoded(decode)
-    values = collected.doubles("values", 7, others, lambda message: _pose(message.pose))
-    stamps = collected.stamps(others)
-    return Poses(start_ns, stamps, collected.log_time_ns, values[:, :3].copy(), values[:, 3:].copy())
+    columns = collected.doubles(POSE, {row: _pose(message.pose) for row, message in others.items()})
+    return Poses(start_ns, collected.stamps(others), collected.log_time_ns, *columns)
 
 
 def inertias(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, decode: Decode) -> Inertias:
     """Return InertiaStamped messages as columns."""
-    collected = Collected(blocks, capacity, lambda data: StampedDoublesCodec.of(data, 10))
+    collected = Collected(blocks, capacity, lambda data: StampedDoublesCodec.of(data, INERTIA))
     others = collected.decoded(decode)
-    values = collected.doubles("values", 10, others, lambda message: _inertia(message.inertia))
-    stamps = collected.stamps(others)
-    return Inertias(start_ns, stamps, collected.log_time_ns, values[:, 0].copy(), values[:, 1:4].copy())
+    mass, center, _ = collected.doubles(
+        INERTIA, {row: _inertia(message.inertia) for row, message in others.items()}
+    )
+    return Inertias(start_ns, collected.stamps(others), collected.log_time_ns, mass[:, 0], center)
 
 
 def messages(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, decode: Decode) -> Messages:
@@ -322,7 +310,7 @@ def messages(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, decod
         decoded += map(decode, block)
     times = np.array(log_times, dtype=np.int64)
     if decoded and hasattr(decoded[0], "header"):
-        stamps = np.array([_nanoseconds(message.header.stamp) for message in decoded], dtype=np.int64)
+        stamps = np.array([nanoseconds(message.header.stamp) for message in decoded], dtype=np.int64)
     else:
         stamps = times
     return Messages(start_ns, stamps, times, decoded)
@@ -340,32 +328,18 @@ def _shortened(column: NDArray[Any], count: int) -> NDArray[Any]:
     return column if count == len(column) else column[:count].copy()
 
 
-def _nanoseconds(stamp: Any) -> int:
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-
-
-def _vector(vector: Any) -> list[float]:
-    return [vector.x, vector.y, vector.z]
-
-
-def _quaternion(quaternion: Any) -> list[float]:
-    return [quaternion.x, quaternion.y, quaternion.z, quaternion.w]
-
-
 def _pose(pose: Any) -> list[float]:
-    return _vector(pose.position) + _quaternion(pose.orientation)
+    return vector(pose.position) + quaternion(pose.orientation)
 
 
-def _transform(transform: Any) -> list[float]:
-    return _vector(transform.translation) + _quaternion(transform.rotation)
-
-
-def _twist(twists: Any) -> list[float]:
-    if not twists:  # which a point need not have
-        return [np.nan] * 6
-    return _vector(twists[0].linear) + _vector(twists[0].angular)
+def _motion(point: Any) -> list[float]:
+    transform = point.transforms[0]
+    motion = vector(transform.translation) + quaternion(transform.rotation)
+    for twists in (point.velocities, point.accelerations):  # which a point need not have
+        motion += vector(twists[0].linear) + vector(twists[0].angular) if twists else [np.nan] * 6
+    return motion
 
 
 def _inertia(inertia: Any) -> list[float]:
     moments = [inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz]
-    return [inertia.m, *_vector(inertia.com), *moments]
+    return [inertia.m, *vector(inertia.com), *moments]

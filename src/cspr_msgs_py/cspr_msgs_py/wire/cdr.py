@@ -1,7 +1,7 @@
 """Constant byte templates of messages in CDR, the wire format of ROS 2.
 
-A message whose names and sequence lengths never change is, on the wire, a constant frame in which only the
-stamp and some blocks of numbers change, always at the same offsets. :class:`Template` lays such a frame out
+A message whose names and sequence lengths never change is, on the wire, a constant :class:`Frame` in which only the
+stamp and some blocks of numbers change, always at the same offsets. :class:`Template` lays such a message out
 by the rules of plain CDR, little-endian (OMG DDSI-RTPS 2.5, section 10, and CORBA 3.3 part 2, section 9.3):
 four bytes of encapsulation header, then each primitive aligned to its own size, counted from the end of
 that header.
@@ -10,9 +10,8 @@ Bytes that only fill up to an alignment have no meaning. Encoding writes zeros t
 stale memory, so decoding does not look at them.
 """
 
-import re
 import struct
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,118 +45,8 @@ def unpack_time(buffer: Bytes, offset: int) -> int:
     return int(seconds) * NANOSECONDS + int(rest)
 
 
-class Template:
-    """A frame under construction: constants, blocks of numbers, and the alignment between them."""
-
-    def __init__(self) -> None:
-        self._pieces = [bytearray()]  # constants with their padding; between two pieces lies a block
-        self._constants: list[bytes] = []  # those that touch one another joined
-        self._check = "<"  # of the message, up to the constant that may still grow
-        self._touching = False
-        self._size = 0
-        self._append(ENCAPSULATION)
-
-    def _align(self, alignment: int) -> None:
-        padding = -(self._size - len(ENCAPSULATION)) % alignment
-        if padding:
-            self._pieces[-1] += bytes(padding)
-            self._pass_over(padding)
-
-    def _append(self, data: bytes) -> None:
-        self._pieces[-1] += data
-        if self._touching:
-            self._constants[-1] += data
-        else:
-            self._constants.append(data)
-        self._touching = True
-        self._size += len(data)
-
-    def _pass_over(self, size: int) -> None:
-        if self._touching:
-            self._check += f"{len(self._constants[-1])}s"
-        self._touching = False
-        self._check += f"{size}x"
-        self._size += size
-
-    def count(self, number: int) -> None:
-        """Append a constant unsigned integer of 32 bits: the length of a sequence."""
-        self._align(4)
-        self._append(struct.pack("<I", number))
-
-    def string(self, text: str) -> None:
-        """Append a constant string: its length with the final zero, its bytes, the zero."""
-        data = text.encode() + b"\x00"
-        self.count(len(data))
-        self._append(data)
-
-    def time(self) -> int:
-        """Append the place of a Time or Duration; return its offset."""
-        return self._block(8, alignment=4)
-
-    def doubles(self, count: int) -> int:
-        """Append the place of `count` doubles; return the offset of the first."""
-        return self._block(8 * count, alignment=8)
-
-    def _block(self, size: int, alignment: int) -> int:
-        self._align(alignment)
-        offset = self._size
-        self._pieces.append(bytearray())
-        self._pass_over(size)
-        return offset
-
-    def finish(self) -> "Frame":
-        """Return the finished frame."""
-        self._pass_over(0)
-        return Frame(tuple(bytes(piece) for piece in self._pieces), self._check, tuple(self._constants))
-
-
-class Frame:
-    """A finished template: joins blocks of numbers into a message and recognises its own messages."""
-
-    __slots__ = ("_check", "_constants", "_pieces", "_places", "size")
-
-    def __init__(self, pieces: tuple[bytes, ...], check: str, constants: tuple[bytes, ...]) -> None:
-        self._pieces = pieces
-        self._check = struct.Struct(check)
-        self._constants = constants
-        self._places = _places(check, constants)
-        self.size = self._check.size
-
-    def encode(self, *blocks: bytes) -> bytes:
-        """Return the message with these blocks of numbers, in the order in which they were announced."""
-        parts = list(self._pieces)
-        for index, block in enumerate(blocks):
-            parts[index] += block
-        return b"".join(parts)
-
-    def matches(self, buffer: Bytes) -> bool:
-        """Return whether `buffer` has the length and the constants of this frame."""
-        return len(buffer) == self.size and self._check.unpack(buffer) == self._constants
-
-    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return for each of many messages of this size, shape (n, size), whether it has the constants."""
-        matching = np.ones(len(records), dtype=bool)
-        for offset, constant in self._places:
-            equal = records[:, offset : offset + len(constant)] == constant
-            if not equal.all():  # which is rare, and much quicker asked of all than of each
-                matching &= equal.all(axis=1)
-        return matching
-
-
-def _places(check: str, constants: tuple[bytes, ...]) -> list[tuple[int, NDArray[np.uint8]]]:
-    """Return the constants and where they stand."""
-    places: list[tuple[int, NDArray[np.uint8]]] = []
-    remaining = iter(constants)
-    offset = 0
-    for size, kind in re.findall(r"(\d+)([sx])", check):
-        if kind == "s":
-            places.append((offset, np.frombuffer(next(remaining), np.uint8)))
-        offset += int(size)
-    return places
-
-
 class Writer:
-    """Writes a message of varying length, piece by piece."""
+    """Writes a message piece by piece."""
 
     def __init__(self) -> None:
         self._data = bytearray(ENCAPSULATION)
@@ -170,7 +59,7 @@ class Writer:
         self._append(bytes([number]), 1)
 
     def count(self, number: int) -> None:
-        """Append the length of a sequence."""
+        """Append an unsigned integer of 32 bits: the length of a sequence."""
         self._append(struct.pack("<I", number), 4)
 
     def string(self, text: str) -> None:
@@ -185,6 +74,103 @@ class Writer:
     def finish(self) -> bytes:
         """Return the message."""
         return bytes(self._data)
+
+
+class Template(Writer):
+    """The constants of a layout as they are written, and between them places for numbers that change.
+
+    Attributes
+    ----------
+    constants : list of (int, int)
+        Where they begin and end; those that touch one another joined, none of the padding.
+    places : list of (int, int)
+        Where the numbers begin and end.
+    fields : dict of str to (type, int)
+        numpy's type and the offset of the numbers, by name.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.constants = [(0, len(ENCAPSULATION))]
+        self.places: list[tuple[int, int]] = []
+        self.fields: dict[str, tuple[Any, int]] = {}
+
+    def _append(self, data: bytes, alignment: int) -> None:
+        before = len(self._data)
+        super()._append(data, alignment)
+        start, end = len(self._data) - len(data), len(self._data)
+        if start == before == self.constants[-1][1]:
+            start = self.constants.pop()[0]
+        self.constants.append((start, end))
+
+    def _place(self, size: int, alignment: int) -> int:
+        super()._append(bytes(size), alignment)
+        self.places.append((len(self._data) - size, len(self._data)))
+        return self.places[-1][0]
+
+    def place_time(self, prefix: str = "") -> int:
+        """Append the place of a Time or Duration, fields ``seconds`` and ``nanoseconds``; return its offset."""
+        offset = self._place(8, alignment=4)
+        self.fields |= {f"{prefix}seconds": ("<i4", offset), f"{prefix}nanoseconds": ("<u4", offset + 4)}
+        return offset
+
+    def place_doubles(self, name: str, count: int) -> int:
+        """Append the place of some doubles; return the offset of the first."""
+        offset = self._place(8 * count, alignment=8)
+        self.fields[name] = (("<f8", (count,)), offset)
+        return offset
+
+
+class Frame:
+    """Messages of one constant layout: joins blocks of numbers into one, and recognises them.
+
+    Attributes
+    ----------
+    size : int
+        Bytes of every message.
+    dtype : numpy.dtype
+        Structured type of one message, to view many joined ones as columns; its fields are those of the template.
+    """
+
+    def __init__(self, template: Template) -> None:
+        data = template.finish()
+        self.size = len(data)
+        ends = [0, *(end for _, end in template.places)]
+        starts = [*(start for start, _ in template.places), self.size]
+        self._pieces = [data[end:start] for end, start in zip(ends, starts, strict=True)]
+        self._constants = tuple(data[start:end] for start, end in template.constants)
+        self._places = [
+            (start, np.frombuffer(data[start:end], np.uint8)) for start, end in template.constants
+        ]
+        check, before = "<", 0
+        for start, end in template.constants:
+            check += f"{start - before}x{end - start}s"
+            before = end
+        self._check = struct.Struct(f"{check}{self.size - before}x")
+        formats, offsets = zip(*template.fields.values(), strict=True)
+        self.dtype: np.dtype[np.void] = np.dtype(
+            {"names": list(template.fields), "formats": formats, "offsets": offsets, "itemsize": self.size}
+        )
+
+    def join(self, *blocks: bytes) -> bytes:
+        """Return the message with these blocks of numbers, in the order of their places."""
+        parts = self._pieces.copy()
+        for index, block in enumerate(blocks):
+            parts[index] += block
+        return b"".join(parts)
+
+    def matches(self, buffer: Bytes) -> bool:
+        """Return whether `buffer` has the length and the constants of this layout."""
+        return len(buffer) == self.size and self._check.unpack(buffer) == self._constants
+
+    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return for each of many messages of this size, shape (n, size), whether it has the constants."""
+        matching = np.ones(len(records), dtype=bool)
+        for offset, constant in self._places:
+            equal = records[:, offset : offset + len(constant)] == constant
+            if not equal.all():  # which is rare, and much quicker asked of all than of each
+                matching &= equal.all(axis=1)
+        return matching
 
 
 class Scanner:

@@ -3,7 +3,7 @@
 The hot topics of the graph carry one JointState a cycle. Building message objects costs more than the
 control law; here a message is a constant frame with the stamp and the doubles at fixed offsets. The bytes
 are those of an ordinary publisher, so any ROS 2 tool reads them. A message in another layout is not decoded
-here but by :func:`cspr_msgs_py.wire.joint_state_conversion.decode_joint_state`.
+here but by :func:`cspr_msgs_py.wire.conversion.decode_joint_state`.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_msgs_py.wire.cdr import Bytes, Scanner, Template, pack_time, unpack_time
+from cspr_msgs_py.wire.cdr import Bytes, Frame, Scanner, Template, pack_time, unpack_time
 
 FIELDS: Final = ("position", "velocity", "effort")
 
@@ -52,7 +52,7 @@ class JointSample(NamedTuple):
     effort: float
 
 
-class JointStateCodec:
+class JointStateCodec(Frame):
     """Encodes and decodes JointState messages of one layout.
 
     Parameters
@@ -82,7 +82,7 @@ class JointStateCodec:
         )
         self._shape = (len(self.names),)
         template = Template()
-        self._stamp_offset = template.time()
+        self._stamp_offset = template.place_time()
         template.string(frame_id)
         template.count(len(self.names))
         for name in self.names:
@@ -92,11 +92,10 @@ class JointStateCodec:
             carried = field in self.fields and bool(self.names)
             template.count(len(self.names) if carried else 0)
             if carried:
-                offsets[field] = template.doubles(len(self.names))
-        self._frame = template.finish()
+                offsets[field] = template.place_doubles(field, len(self.names))
+        super().__init__(template)
         self._offsets = offsets
         self._field_offsets = tuple(offsets.get(field) for field in FIELDS)
-        self.size = self._frame.size
 
     def encode(
         self,
@@ -122,14 +121,14 @@ class JointStateCodec:
                 blocks.append(array.tobytes())
             elif field in self._offsets:
                 raise ValueError(f"a message of this layout carries {field}, and none is given")
-        return self._frame.encode(*blocks)
+        return self.join(*blocks)
 
     def encode_joint(self, joint: JointSample) -> bytes:
         """Return the message of the one joint that a layout with one name has; raises ValueError as `encode` does."""
         if self._shape != (1,):
             raise ValueError(f"the message has {len(self.names)} names: {', '.join(self.names)}")
         blocks = (_PACK_DOUBLE(getattr(joint, field)) for field in self._offsets)
-        return self._frame.encode(pack_time(joint.stamp_ns), *blocks)
+        return self.join(pack_time(joint.stamp_ns), *blocks)
 
     def encode_sample(self, sample: JointStateSample) -> bytes:
         """Return the message as CDR; raises ValueError as `encode` does."""
@@ -139,7 +138,7 @@ class JointStateCodec:
             if array.shape != self._shape:
                 raise ValueError(self._mismatch(field, array.shape))
             blocks.append(array.tobytes())
-        return self._frame.encode(*blocks)
+        return self.join(*blocks)
 
     def _mismatch(self, field: str, shape: tuple[int, ...]) -> str:
         if field not in self.fields:
@@ -152,7 +151,7 @@ class JointStateCodec:
         Another layout is: another length, other names, another ``frame_id``, another byte order, a frame cut
         short, or trailing bytes.
         """
-        if not self._frame.matches(buffer):
+        if not self.matches(buffer):
             return None
         data = buffer if isinstance(buffer, bytes) else bytes(buffer)  # arrays over bytes are read-only
         position, velocity, effort = self._field_offsets
@@ -169,7 +168,7 @@ class JointStateCodec:
 
         It costs half of `decode`: each motor controller wants one motor of all, twice a cycle.
         """
-        if not self._frame.matches(buffer):
+        if not self.matches(buffer):
             return None
         shift = 8 * index
         position, velocity, effort = self._field_offsets
@@ -201,23 +200,3 @@ class JointStateCodec:
                 f"{', '.join(f'{length} x {field}' for field, length in zip(FIELDS, lengths, strict=True))}"
             )
         return codec
-
-    def matches(self, buffer: Bytes) -> bool:
-        """Return whether `buffer` is a message of this layout."""
-        return self._frame.matches(buffer)
-
-    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return for each of many messages of this layout's size, shape (n, size), whether it has the layout."""
-        return self._frame.matches_each(records)
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """Structured type of one message, to view many joined ones as columns.
-
-        Its fields are ``seconds``, ``nanoseconds`` and those fields that the layout carries.
-        """
-        offset = self._stamp_offset
-        names = ["seconds", "nanoseconds", *self._offsets]
-        formats = ["<i4", "<u4", *[(_DOUBLE, self._shape)] * len(self._offsets)]
-        offsets = [offset, offset + 4, *self._offsets.values()]
-        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size})

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_msgs_py.topics import BASE_FRAME, PLATFORM_FRAME
-from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes, Template, pack_time, unpack_time
+from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes, Frame, Template, pack_time, unpack_time
 
 _DOUBLE: Final = np.dtype("<f8")
 
@@ -55,26 +55,32 @@ VECTORS: Final = {
     "angular_acceleration": 3,
 }
 
+# A point has sequences of transforms, velocities and accelerations, here of one element each.
+_FIRST_OF_SEQUENCE: Final = ("position", "linear_velocity", "linear_acceleration")
 
-class ReferenceCodec:
-    """Encodes and decodes the messages of ``/reference``: one joint, one point with all its derivatives."""
+
+class ReferenceCodec(Frame):
+    """Encodes and decodes the messages of ``/reference``: one joint, one point with all its derivatives.
+
+    The fields of its dtype are ``seconds`` and ``nanoseconds`` of the stamp, ``duration_seconds`` and
+    ``duration_nanoseconds`` of time_from_start, and the vectors of a sample.
+    """
 
     def __init__(self, frame_id: str = BASE_FRAME, joint_name: str = PLATFORM_FRAME) -> None:
         template = Template()
-        self._stamp_offset = template.time()
+        self._stamp_offset = template.place_time()
         template.string(frame_id)
         template.count(1)
         template.string(joint_name)
         template.count(1)  # points
-        template.count(1)  # transforms of the point
-        self._pose_offset = template.doubles(7)
-        template.count(1)  # velocities of the point
-        self._twist_offset = template.doubles(6)
-        template.count(1)  # accelerations of the point
-        self._acceleration_offset = template.doubles(6)
-        self._duration_offset = template.time()
-        self._frame = template.finish()
-        self.size = self._frame.size
+        offsets = []
+        for name, size in VECTORS.items():
+            if name in _FIRST_OF_SEQUENCE:
+                template.count(1)
+            offsets.append(template.place_doubles(name, size))
+        self._duration_offset = template.place_time("duration_")
+        super().__init__(template)
+        self._vectors = tuple(zip(VECTORS.values(), offsets, strict=True))
 
     def encode(self, sample: ReferenceSample) -> bytes:
         """Return the message as CDR.
@@ -84,64 +90,21 @@ class ReferenceCodec:
         ValueError
             If a vector has another length than it must have, or a time does not fit the message.
         """
-        return self._frame.encode(
+        return self.join(
             pack_time(sample.stamp_ns),
-            _block(sample, "position") + _block(sample, "quaternion_xyzw"),
-            _block(sample, "linear_velocity") + _block(sample, "angular_velocity"),
-            _block(sample, "linear_acceleration") + _block(sample, "angular_acceleration"),
+            *(_block(sample, field) for field in VECTORS),
             pack_time(round(sample.time_from_start * NANOSECONDS)),
         )
 
     def decode(self, buffer: Bytes) -> ReferenceSample | None:
         """Return what a message carries (arrays read-only), or None when `buffer` has another layout."""
-        if not self._frame.matches(buffer):
+        if not self.matches(buffer):
             return None
         data = buffer if isinstance(buffer, bytes) else bytes(buffer)  # arrays over bytes are read-only
-        pose = np.frombuffer(data, _DOUBLE, 7, self._pose_offset)
-        twist = np.frombuffer(data, _DOUBLE, 6, self._twist_offset)
-        acceleration = np.frombuffer(data, _DOUBLE, 6, self._acceleration_offset)
         return ReferenceSample(
             unpack_time(data, self._stamp_offset),
             unpack_time(data, self._duration_offset) / NANOSECONDS,
-            pose[:3],
-            pose[3:],
-            twist[:3],
-            twist[3:],
-            acceleration[:3],
-            acceleration[3:],
-        )
-
-    def matches(self, buffer: Bytes) -> bool:
-        """Return whether `buffer` is a message of this layout."""
-        return self._frame.matches(buffer)
-
-    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return for each of many messages of this layout's size, shape (n, size), whether it has the layout."""
-        return self._frame.matches_each(records)
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """Structured type of one message, to view many joined ones as columns.
-
-        Its fields are ``seconds`` and ``nanoseconds`` of the stamp, ``duration_seconds`` and
-        ``duration_nanoseconds`` of time_from_start, ``pose`` (7), ``twist`` (6) and ``acceleration`` (6).
-        """
-        columns = {
-            "seconds": ("<i4", self._stamp_offset),
-            "nanoseconds": ("<u4", self._stamp_offset + 4),
-            "pose": ((_DOUBLE, (7,)), self._pose_offset),
-            "twist": ((_DOUBLE, (6,)), self._twist_offset),
-            "acceleration": ((_DOUBLE, (6,)), self._acceleration_offset),
-            "duration_seconds": ("<i4", self._duration_offset),
-            "duration_nanoseconds": ("<u4", self._duration_offset + 4),
-        }
-        return np.dtype(
-            {
-                "names": list(columns),
-                "formats": [format for format, _ in columns.values()],
-                "offsets": [offset for _, offset in columns.values()],
-                "itemsize": self.size,
-            }
+            *(np.frombuffer(data, _DOUBLE, size, offset) for size, offset in self._vectors),
         )
 
 

@@ -1,75 +1,56 @@
-"""Messages that are a header followed by doubles, as raw CDR.
+"""Messages that are a header followed by doubles, as raw CDR: PoseStamped and InertiaStamped."""
 
-PoseStamped has seven of them (position, quaternion), InertiaStamped ten (mass, centre, moments of inertia).
-"""
-
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cspr_msgs_py.wire.cdr import Bytes, Scanner, Template, pack_time
+from cspr_msgs_py.wire.cdr import Bytes, Frame, Scanner, Template, pack_time
 
-_DOUBLE: Final = np.dtype("<f8")
+POSE: Final = {"position": 3, "quaternion_xyzw": 4}
+"""Doubles of a PoseStamped."""
+INERTIA: Final = {"mass": 1, "center_of_mass": 3, "moments": 6}
+"""Doubles of an InertiaStamped; the moments of inertia are ixx, ixy, ixz, iyy, iyz, izz."""
 
 
-class StampedDoublesCodec:
-    """The constant layout of a header with this ``frame_id`` and `number` doubles behind it."""
+class StampedDoublesCodec(Frame):
+    """The constant layout of a header with this ``frame_id``, and doubles behind it by their names and numbers."""
 
-    def __init__(self, frame_id: str, number: int) -> None:
+    def __init__(self, frame_id: str, fields: Mapping[str, int]) -> None:
         template = Template()
-        self._stamp_offset = template.time()
+        template.place_time()
         template.string(frame_id)
-        self._values_offset = template.doubles(number)
-        self._number = number
-        self._frame = template.finish()
+        for name, number in fields.items():
+            template.place_doubles(name, number)
+        super().__init__(template)
+        self._shape = (sum(fields.values()),)
 
     @classmethod
-    def of(cls, buffer: Bytes, number: int) -> "StampedDoublesCodec":
+    def of(cls, buffer: Bytes, fields: Mapping[str, int]) -> "StampedDoublesCodec":
         """Return the codec for messages of the layout that `buffer` has.
 
         Raises
         ------
         ValueError
-            If it is not a header and `number` doubles in little-endian CDR.
+            If it is not a header and these doubles in little-endian CDR.
         """
         scanner = Scanner(buffer)
         scanner.time()
-        codec = cls(scanner.string(), number)
+        codec = cls(scanner.string(), fields)
         if not codec.matches(buffer):
-            raise ValueError(f"{len(buffer)} bytes are not a header and {number} doubles")
+            raise ValueError(f"{len(buffer)} bytes are not a header and {codec._shape[0]} doubles")
         return codec
 
     def encode(self, stamp_ns: int, values: ArrayLike) -> bytes:
-        """Return the message as CDR.
+        """Return the message as CDR; its doubles are given one after the other.
 
         Raises
         ------
         ValueError
             If there are not as many values as the layout has, or the stamp does not fit the message.
         """
-        array = np.asarray(values, dtype=_DOUBLE)
-        if array.shape != (self._number,):
-            raise ValueError(f"the message has {self._number} doubles after its header, not {array.shape}")
-        return self._frame.encode(pack_time(stamp_ns), array.tobytes())
-
-    def matches(self, buffer: Bytes) -> bool:
-        """Return whether `buffer` is a message of this layout."""
-        return self._frame.matches(buffer)
-
-    def matches_each(self, records: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return for each of many messages of this layout's size, shape (n, size), whether it has the layout."""
-        return self._frame.matches_each(records)
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """Structured type of one message: ``seconds``, ``nanoseconds`` and ``values``."""
-        offset = self._stamp_offset
-        return np.dtype(
-            {
-                "names": ["seconds", "nanoseconds", "values"],
-                "formats": ["<i4", "<u4", (_DOUBLE, (self._number,))],
-                "offsets": [offset, offset + 4, self._values_offset],
-                "itemsize": self._frame.size,
-            }
-        )
+        array = np.asarray(values, dtype="<f8")
+        if array.shape != self._shape:
+            raise ValueError(f"the message has {self._shape[0]} doubles after its header, not {array.shape}")
+        return self.join(pack_time(stamp_ns), array.tobytes())

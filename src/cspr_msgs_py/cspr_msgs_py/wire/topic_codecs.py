@@ -16,7 +16,7 @@ from cspr_msgs_py.wire.cdr import Bytes, Scanner
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec
 from cspr_msgs_py.wire.samples import InertiaSample, PoseSample
-from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.wire.stamped_doubles import INERTIA, POSE, StampedDoublesCodec
 from cspr_msgs_py.wire.status import decode_status, decode_status_array, encode_status, encode_status_array
 
 
@@ -32,7 +32,7 @@ class TopicCodec:
         Returns the sample of a message. Raises MessageError if it is not of the topic's type; also if it has
         another layout than the graph's own nodes give it, where the layout is constant.
     layout
-        The codec of constant layout behind it, as `joint_state_conversion` needs it; None where there is none.
+        The codec of constant layout behind it, as `conversion` needs it; None where there is none.
     """
 
     encode: Callable[[Any], bytes]
@@ -61,7 +61,7 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
     if topic.type == topics.DIAGNOSTIC_ARRAY:
         return TopicCodec(encode_status_array, decode_status_array)
     if topic.type == topics.POSE_STAMPED:
-        pose = StampedDoublesCodec(topics.BASE_FRAME, 7)
+        pose = StampedDoublesCodec(topics.BASE_FRAME, POSE)
 
         def encode_pose(sample: PoseSample) -> bytes:
             return pose.encode(sample.stamp_ns, np.concatenate((sample.position, sample.quaternion_xyzw)))
@@ -72,7 +72,7 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
 
         return TopicCodec(encode_pose, decode_pose)
     if topic.type == topics.INERTIA_STAMPED:
-        inertia = StampedDoublesCodec(topics.PLATFORM_FRAME, 10)
+        inertia = StampedDoublesCodec(topics.PLATFORM_FRAME, INERTIA)
 
         def encode_inertia(sample: InertiaSample) -> bytes:
             return inertia.encode(sample.stamp_ns, [sample.mass, *sample.center_of_mass, 0, 0, 0, 0, 0, 0])

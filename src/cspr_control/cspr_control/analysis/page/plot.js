@@ -5,6 +5,16 @@ const MARGIN = { left: 62, right: 10, top: 8, bottom: 30 };
 const INK = "#222a33";
 const FAINT = "#e4e7eb";
 const MUTED = "#66707c";
+const AXIS = "#aab2bc";
+const FONT = "11px system-ui, sans-serif";
+
+// An element with its class, and the texts and elements in it.
+function element(tag, className = "", ...content) {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  made.append(...content);
+  return made;
+}
 
 function ticks(low, high, count) {
   const span = high - low;
@@ -38,43 +48,96 @@ function fitCanvas(canvas, width, height) {
   return context;
 }
 
-// One picture of lines over time. `series`: {name, color, dash, motor (from 0, or null), block, column, step}.
-class LinePanel {
-  constructor(chart, run, series) {
-    this.chart = chart;
-    this.run = run;
-    this.series = series;
-    this.element = document.createElement("div");
-    this.element.className = "panel";
-    if (run && chart.page.runs.length > 1) {
-      const title = document.createElement("div");
-      title.className = "panel-title";
-      title.textContent = run.title;
-      this.element.append(title);
+function stroke(c, points, color) {
+  c.strokeStyle = color;
+  c.beginPath();
+  points.forEach(([x, y], i) => (i ? c.lineTo(x, y) : c.moveTo(x, y)));
+  c.stroke();
+}
+
+function disc(c, x, y, radius, color) {
+  c.fillStyle = color;
+  c.beginPath();
+  c.arc(x, y, radius, 0, 2 * Math.PI);
+  c.fill();
+}
+
+function write(c, text, x, y, align, baseline, color = MUTED) {
+  c.fillStyle = color;
+  c.textAlign = align;
+  c.textBaseline = baseline;
+  c.fillText(text, x, y);
+}
+
+// The place of a picture on its canvas, and its vertical scale.
+class Panel {
+  place(canvas, width, height, range, below = 0) {
+    Object.assign(this, { width, height, range });
+    this.plotWidth = Math.max(20, width - MARGIN.left - MARGIN.right);
+    this.plotHeight = height - MARGIN.top - MARGIN.bottom - below;
+    this.right = MARGIN.left + this.plotWidth;
+    this.bottom = MARGIN.top + this.plotHeight;
+    const c = fitCanvas(canvas, width, height);
+    c.font = FONT;
+    c.lineWidth = 1;
+    return c;
+  }
+
+  y(v) {
+    const [low, high] = this.range;
+    return MARGIN.top + (1 - (v - low) / (high - low)) * this.plotHeight;
+  }
+
+  upright(c, x, color) {
+    stroke(c, [[x, MARGIN.top], [x, this.bottom]], color);
+  }
+
+  // Lines across at `marks`: values, and the texts beside them.
+  drawScale(c, marks, unit) {
+    for (const [v, text] of marks) {
+      const y = Math.round(this.y(v)) + 0.5;
+      stroke(c, [[MARGIN.left, y], [this.right, y]], FAINT);
+      write(c, text, MARGIN.left - 6, y, "right", "middle");
     }
-    this.stage = document.createElement("div");
-    this.stage.className = "stage";
-    this.canvas = document.createElement("canvas");
-    this.overlay = document.createElement("canvas");
-    this.overlay.className = "overlay";
-    this.stage.append(this.canvas, this.overlay);
-    this.element.append(this.stage);
+    c.save();
+    c.translate(11, MARGIN.top + this.plotHeight / 2);
+    c.rotate(-Math.PI / 2);
+    write(c, unit, 0, 0, "center", "middle", INK);
+    c.restore();
+  }
+}
+
+// One picture of lines over time. `series`: {name, color, dash, motor (from 0, if of one), block, column, step}.
+class LinePanel extends Panel {
+  constructor(chart, run, series) {
+    super();
+    Object.assign(this, { chart, run, series });
+    this.canvas = element("canvas");
+    this.overlay = element("canvas", "overlay");
+    this.stage = element("div", "stage", this.canvas, this.overlay);
+    this.element = element("div", "panel", this.stage);
+    if (run && chart.page.runs.length > 1) this.element.prepend(element("div", "panel-title", run.title));
     this.listen();
   }
 
   get shown() {
     const hidden = this.chart.page.hiddenMotors;
-    return this.series.filter((s) => s.motor === null || s.motor === undefined || !hidden.has(s.motor));
+    return this.series.filter((s) => !hidden.has(s.motor));
   }
 
-  extent(from, to) {
+  // Indices of the first and the last sample in view, with one more on either side.
+  inView(time) {
+    const [from, to] = this.chart.page.view;
+    return [Math.max(0, indexAt(time, from)), Math.min(indexAt(time, to) + 1, time.length - 1)];
+  }
+
+  extent() {
     let low = Infinity;
     let high = -Infinity;
     for (const s of this.shown) {
-      const time = s.block.time;
       const values = s.block.columns[s.column];
-      const last = Math.min(indexAt(time, to) + 1, time.length - 1);
-      for (let i = Math.max(0, indexAt(time, from)); i <= last; i++) {
+      const [first, last] = this.inView(s.block.time);
+      for (let i = first; i <= last; i++) {
         const v = values[i];
         if (v < low) low = v;
         if (v > high) high = v;
@@ -93,18 +156,8 @@ class LinePanel {
     return from + ((x - MARGIN.left) / this.plotWidth) * (to - from);
   }
 
-  y(v) {
-    const [low, high] = this.range;
-    return MARGIN.top + (1 - (v - low) / (high - low)) * this.plotHeight;
-  }
-
   draw(range) {
-    this.range = range;
-    this.width = this.stage.clientWidth;
-    this.height = this.chart.height;
-    this.plotWidth = Math.max(20, this.width - MARGIN.left - MARGIN.right);
-    this.plotHeight = this.height - MARGIN.top - MARGIN.bottom;
-    const c = fitCanvas(this.canvas, this.width, this.height);
+    const c = this.place(this.canvas, this.stage.clientWidth, this.chart.height, range);
     this.drawAxes(c);
     c.save();
     c.beginPath();
@@ -117,67 +170,26 @@ class LinePanel {
   }
 
   drawAxes(c) {
-    const [from, to] = this.chart.page.view;
-    const [low, high] = this.range;
-    c.font = "11px system-ui, sans-serif";
-    c.lineWidth = 1;
-    const vertical = ticks(low, high, Math.max(2, this.plotHeight / 42));
-    c.textAlign = "right";
-    c.textBaseline = "middle";
-    for (const v of vertical) {
-      const y = Math.round(this.y(v)) + 0.5;
-      c.strokeStyle = FAINT;
-      c.beginPath();
-      c.moveTo(MARGIN.left, y);
-      c.lineTo(MARGIN.left + this.plotWidth, y);
-      c.stroke();
-      c.fillStyle = MUTED;
-      c.fillText(tickText(v, vertical), MARGIN.left - 6, y);
-    }
-    const horizontal = ticks(from, to, Math.max(2, this.plotWidth / 80));
-    c.textAlign = "center";
-    c.textBaseline = "top";
-    for (const t of horizontal) {
+    const values = ticks(...this.range, Math.max(2, this.plotHeight / 42));
+    this.drawScale(c, values.map((v) => [v, tickText(v, values)]), this.chart.unit);
+    const times = ticks(...this.chart.page.view, Math.max(2, this.plotWidth / 80));
+    for (const t of times) {
       const x = Math.round(this.x(t)) + 0.5;
-      c.strokeStyle = FAINT;
-      c.beginPath();
-      c.moveTo(x, MARGIN.top);
-      c.lineTo(x, MARGIN.top + this.plotHeight);
-      c.stroke();
-      c.fillStyle = MUTED;
-      c.fillText(tickText(t, horizontal), x, MARGIN.top + this.plotHeight + 4);
+      this.upright(c, x, FAINT);
+      write(c, tickText(t, times), x, this.bottom + 4, "center", "top");
     }
-    c.strokeStyle = "#aab2bc";
-    c.beginPath();
-    c.moveTo(MARGIN.left + 0.5, MARGIN.top);
-    c.lineTo(MARGIN.left + 0.5, MARGIN.top + this.plotHeight + 0.5);
-    c.lineTo(MARGIN.left + this.plotWidth, MARGIN.top + this.plotHeight + 0.5);
-    c.stroke();
-    c.fillStyle = INK;
-    c.textAlign = "right";
-    c.textBaseline = "bottom";
-    c.fillText("time, s", MARGIN.left + this.plotWidth, this.height - 1);
-    c.save();
-    c.translate(11, MARGIN.top + this.plotHeight / 2);
-    c.rotate(-Math.PI / 2);
-    c.textAlign = "center";
-    c.textBaseline = "middle";
-    c.fillText(this.chart.unit, 0, 0);
-    c.restore();
+    const [left, below] = [MARGIN.left + 0.5, this.bottom + 0.5];
+    stroke(c, [[left, MARGIN.top], [left, below], [this.right, below]], AXIS);
+    write(c, "time, s", this.right, this.height - 1, "right", "bottom", INK);
   }
 
   drawEvents(c) {
     if (!this.run) return;
     for (const event of this.run.events) {
       if (event.kind === "state") continue;
-      const x = Math.round(this.x(event.time)) + 0.5;
-      c.strokeStyle = EVENT_COLORS[event.kind];
       c.globalAlpha = event.kind === "warning" ? 0.35 : 0.8;
       c.setLineDash([2, 3]);
-      c.beginPath();
-      c.moveTo(x, MARGIN.top);
-      c.lineTo(x, MARGIN.top + this.plotHeight);
-      c.stroke();
+      this.upright(c, Math.round(this.x(event.time)) + 0.5, EVENT_COLORS[event.kind]);
     }
     c.setLineDash([]);
     c.globalAlpha = 1;
@@ -187,9 +199,7 @@ class LinePanel {
   drawSeries(c, s) {
     const time = s.block.time;
     const values = s.block.columns[s.column];
-    const [from, to] = this.chart.page.view;
-    const first = Math.max(0, indexAt(time, from));
-    const last = Math.min(indexAt(time, to) + 1, time.length - 1);
+    const [first, last] = this.inView(time);
     c.strokeStyle = s.color;
     c.lineWidth = s.width || 1.3;
     c.setLineDash(s.dash || []);
@@ -244,13 +254,9 @@ class LinePanel {
     if (!this.range) return;
     const c = fitCanvas(this.overlay, this.width, this.height);
     const now = this.x(this.chart.page.time);
-    if (now >= MARGIN.left && now <= MARGIN.left + this.plotWidth) {
-      c.strokeStyle = "#111827";
+    if (now >= MARGIN.left && now <= this.right) {
       c.lineWidth = 1.2;
-      c.beginPath();
-      c.moveTo(now, MARGIN.top);
-      c.lineTo(now, MARGIN.top + this.plotHeight);
-      c.stroke();
+      this.upright(c, now, "#111827");
     }
     if (this.selection) {
       c.fillStyle = "rgba(0, 114, 178, 0.15)";
@@ -259,18 +265,10 @@ class LinePanel {
     }
     if (this.hover !== undefined && !this.selection) {
       const t = this.timeAt(this.hover);
-      c.strokeStyle = "rgba(0, 0, 0, 0.3)";
-      c.beginPath();
-      c.moveTo(this.hover, MARGIN.top);
-      c.lineTo(this.hover, MARGIN.top + this.plotHeight);
-      c.stroke();
+      this.upright(c, this.hover, "rgba(0, 0, 0, 0.3)");
       for (const s of this.shown) {
         const v = valueAt(s.block, s.column, t);
-        if (Number.isNaN(v)) continue;
-        c.fillStyle = s.color;
-        c.beginPath();
-        c.arc(this.hover, this.y(v), 2.6, 0, 2 * Math.PI);
-        c.fill();
+        if (!Number.isNaN(v)) disc(c, this.hover, this.y(v), 2.6, s.color);
       }
     }
   }
@@ -278,7 +276,7 @@ class LinePanel {
   listen() {
     const inside = (event) => {
       const x = event.clientX - this.overlay.getBoundingClientRect().left;
-      return Math.max(MARGIN.left, Math.min(MARGIN.left + this.plotWidth, x));
+      return Math.max(MARGIN.left, Math.min(this.right, x));
     };
     this.overlay.addEventListener("pointermove", (event) => {
       this.hover = inside(event);
@@ -334,45 +332,47 @@ class LinePanel {
   }
 }
 
-// A card with one panel a run; all panels share the vertical scale.
-class LineChart {
-  constructor(page, { id, title, note, unit, height = 230, panels }) {
+// A card with panels side by side, which share the vertical scale.
+class Chart {
+  constructor(page, { id, title, note, unit, height = 230 }) {
     Object.assign(this, { page, id, title, unit, height });
-    this.element = card(id, title, note);
-    this.panels = panels.map(({ run, series }) => new LinePanel(this, run, series));
-    const grid = document.createElement("div");
-    grid.className = "panels";
-    grid.style.setProperty("--panels", Math.min(this.panels.length, 3));
-    grid.append(...this.panels.map((p) => p.element));
-    this.element.append(grid, this.legend());
+    this.element = element("section", "card", element("h3", "", title));
+    this.element.id = id;
+    if (note) this.element.append(element("p", "note", note));
   }
 
-  legend() {
-    const list = document.createElement("div");
-    list.className = "legend";
-    const named = new Map();
-    for (const panel of this.panels) {
-      for (const s of panel.series) if (s.motor === null || s.motor === undefined) named.set(s.name, s);
-    }
-    for (const s of named.values()) {
-      const item = document.createElement("span");
-      item.className = "legend-item";
-      const line = document.createElement("i");
+  show(panels) {
+    this.panels = panels;
+    const grid = element("div", "panels", ...panels.map((p) => p.element));
+    grid.style.setProperty("--panels", Math.min(panels.length, 3));
+    this.element.append(grid);
+  }
+
+  // `entries`: pairs of a name and the element that shows its colour.
+  addLegend(entries) {
+    const items = entries.map(([name, mark]) => element("span", "legend-item", mark, name));
+    this.element.append(element("div", "legend", ...items));
+  }
+
+  drawOverlay() {}
+}
+
+// Lines over time, one panel for each run.
+class LineChart extends Chart {
+  constructor(page, options) {
+    super(page, options);
+    this.show(options.panels.map(({ run, series }) => new LinePanel(this, run, series)));
+    const all = this.panels.flatMap((panel) => panel.series).filter((s) => s.motor === undefined);
+    this.addLegend([...new Map(all.map((s) => [s.name, s])).values()].map((s) => {
+      const line = element("i");
       line.style.borderTop = `2px ${s.dash ? "dashed" : "solid"} ${s.color}`;
-      item.append(line, s.name);
-      list.append(item);
-    }
-    return list;
+      return [s.name, line];
+    }));
   }
 
   draw() {
-    const [from, to] = this.page.view;
-    let [low, high] = [Infinity, -Infinity];
-    for (const panel of this.panels) {
-      const [a, b] = panel.extent(from, to);
-      low = Math.min(low, a);
-      high = Math.max(high, b);
-    }
+    const extents = this.panels.map((panel) => panel.extent());
+    let [low, high] = [Math.min(...extents.map(([a]) => a)), Math.max(...extents.map(([, b]) => b))];
     if (!(high >= low)) [low, high] = [0, 1];
     const margin = 0.06 * (high - low) || Math.max(1e-6, 0.05 * Math.abs(high)) || 1;
     for (const panel of this.panels) panel.draw([low - margin, high + margin]);
@@ -383,42 +383,72 @@ class LineChart {
   }
 }
 
-// Bars in clusters. `clusters`: names below; `bars`: {name, color, motor, values (one a cluster)}.
-class BarChart {
-  constructor(page, { id, title, note, unit, axis, logarithmic = false, height = 230, panels }) {
-    Object.assign(this, { page, id, title, unit, axis, logarithmic, height });
-    this.element = card(id, title, note);
-    this.panels = panels;
-    const grid = document.createElement("div");
-    grid.className = "panels";
-    grid.style.setProperty("--panels", Math.min(panels.length, 3));
-    for (const panel of panels) {
-      panel.element = document.createElement("div");
-      panel.element.className = "panel";
-      const title = document.createElement("div");
-      title.className = "panel-title";
-      title.textContent = panel.title || "";
-      panel.canvas = document.createElement("canvas");
-      panel.element.append(title, panel.canvas);
-      panel.canvas.addEventListener("pointermove", (event) => this.showTip(event, panel));
-      panel.canvas.addEventListener("pointerleave", () => page.hideTip());
-      grid.append(panel.element);
-    }
-    this.element.append(grid);
-    if (panels[0].legend) {
-      const list = document.createElement("div");
-      list.className = "legend";
-      for (const bar of panels[0].bars) {
-        const item = document.createElement("span");
-        item.className = "legend-item";
-        const box = document.createElement("i");
-        box.className = "box";
-        box.style.background = bar.color;
-        item.append(box, bar.name);
-        list.append(item);
-      }
-      this.element.append(list);
-    }
+// One picture of bars in clusters. `clusters`: names below; `bars`: {name, color, motor, values (one a cluster)}.
+class BarPanel extends Panel {
+  constructor(chart, { title = "", clusters, bars }) {
+    super();
+    Object.assign(this, { chart, clusters, bars, places: [] });
+    this.canvas = element("canvas");
+    this.element = element("div", "panel", element("div", "panel-title", title), this.canvas);
+    this.canvas.addEventListener("pointermove", (event) => this.showTip(event));
+    this.canvas.addEventListener("pointerleave", () => chart.page.hideTip());
+  }
+
+  get shown() {
+    return this.bars.filter((b) => !this.chart.page.hiddenMotors.has(b.motor));
+  }
+
+  draw(range) {
+    const chart = this.chart;
+    const c = this.place(this.canvas, this.element.clientWidth, chart.height, range, 6);
+    this.drawScale(c, chart.marks(...range, this.plotHeight / 42), chart.unit);
+    const bars = this.shown;
+    const cluster = this.plotWidth / this.clusters.length;
+    const gap = this.clusters.length > 30 ? 0 : 0.1;
+    const width = (cluster * (1 - 2 * gap)) / Math.max(1, bars.length);
+    this.places = [];
+    const room = 8 + Math.max(...this.clusters.map((name) => c.measureText(name).width));
+    const least = Math.ceil(room / cluster);
+    const every = [1, 2, 5, 10, 20, 50].find((step) => step >= least) || least;
+    this.clusters.forEach((name, i) => {
+      bars.forEach((bar, j) => {
+        const value = bar.values[i];
+        if (value === null) return;
+        const x = MARGIN.left + cluster * (i + gap) + width * j;
+        c.fillStyle = bar.color;
+        const [top, bottom] = [this.y(Math.max(chart.level(value), 0)), this.y(Math.min(chart.level(value), 0))];
+        c.fillRect(x, top, Math.max(1, width * (gap ? 0.9 : 1)), bottom - top);
+        this.places.push({ x, end: x + width, name, bar, value });
+      });
+      if (i % every === 0) write(c, name, MARGIN.left + cluster * (i + 0.5), this.bottom + 4, "center", "top");
+    });
+    const zero = Math.round(this.y(0)) + 0.5;
+    stroke(c, [[MARGIN.left, zero], [this.right, zero]], AXIS);
+    write(c, chart.axis, MARGIN.left + this.plotWidth / 2, this.height - 1, "center", "bottom", INK);
+  }
+
+  showTip(event) {
+    const { axis, unit, page } = this.chart;
+    const x = event.clientX - this.canvas.getBoundingClientRect().left;
+    const hit = this.places.filter((p) => x >= p.x && x <= p.end);
+    if (hit.length === 0) return page.hideTip();
+    const rows = hit.map((p) => [p.bar.color, p.bar.name, niceNumber(p.value)]);
+    return page.showTip(event, `${axis} ${hit[0].name} · ${unit}`, rows, []);
+  }
+}
+
+class BarChart extends Chart {
+  constructor(page, options) {
+    super(page, options);
+    this.axis = options.axis;
+    this.logarithmic = options.logarithmic;
+    this.show(options.panels.map((panel) => new BarPanel(this, panel)));
+    if (!options.panels[0].legend) return;
+    this.addLegend(options.panels[0].bars.map((bar) => {
+      const box = element("i", "box");
+      box.style.background = bar.color;
+      return [bar.name, box];
+    }));
   }
 
   // Counts over several powers of ten are drawn by their logarithm.
@@ -427,119 +457,20 @@ class BarChart {
   }
 
   marks(low, high, count) {
-    if (!this.logarithmic) return ticks(low, high, count).map((v) => [v, null]);
-    return [0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6].map((v) => [this.level(v), String(v)]).filter(([v]) => v <= high);
-  }
-
-  shown(panel) {
-    return panel.bars.filter((b) => b.motor === undefined || !this.page.hiddenMotors.has(b.motor));
+    if (this.logarithmic) {
+      return [0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6].map((v) => [this.level(v), String(v)]).filter(([v]) => v <= high);
+    }
+    const values = ticks(low, high, count);
+    return values.map((v) => [v, tickText(v, values)]);
   }
 
   draw() {
-    let low = 0;
-    let high = 0;
-    for (const panel of this.panels) {
-      for (const bar of this.shown(panel)) {
-        for (const v of bar.values) {
-          if (v === null) continue;
-          low = Math.min(low, this.level(v));
-          high = Math.max(high, this.level(v));
-        }
-      }
-    }
+    const values = this.panels.flatMap((panel) => panel.shown.flatMap((bar) => bar.values));
+    const levels = values.filter((v) => v !== null).map((v) => this.level(v));
+    let [low, high] = [Math.min(0, ...levels), Math.max(0, ...levels)];
     if (high === low) high = low + 1;
     high += 0.06 * (high - low);
     if (low < 0) low -= 0.06 * (high - low);
-    for (const panel of this.panels) this.drawPanel(panel, low, high);
+    for (const panel of this.panels) panel.draw([low, high]);
   }
-
-  drawPanel(panel, low, high) {
-    const width = panel.element.clientWidth;
-    const plotWidth = width - MARGIN.left - MARGIN.right;
-    const plotHeight = this.height - MARGIN.top - MARGIN.bottom - 6;
-    const c = fitCanvas(panel.canvas, width, this.height);
-    const y = (v) => MARGIN.top + (1 - (v - low) / (high - low)) * plotHeight;
-    c.font = "11px system-ui, sans-serif";
-    const marks = this.marks(low, high, plotHeight / 42);
-    const levels = marks.map(([v]) => v);
-    c.textAlign = "right";
-    c.textBaseline = "middle";
-    for (const [v, text] of marks) {
-      c.strokeStyle = FAINT;
-      c.beginPath();
-      c.moveTo(MARGIN.left, Math.round(y(v)) + 0.5);
-      c.lineTo(MARGIN.left + plotWidth, Math.round(y(v)) + 0.5);
-      c.stroke();
-      c.fillStyle = MUTED;
-      c.fillText(text === null ? tickText(v, levels) : text, MARGIN.left - 6, y(v));
-    }
-    const bars = this.shown(panel);
-    const cluster = plotWidth / panel.clusters.length;
-    const gap = panel.clusters.length > 30 ? 0 : 0.1;
-    const bar = (cluster * (1 - 2 * gap)) / Math.max(1, bars.length);
-    panel.places = [];
-    const room = 8 + Math.max(...panel.clusters.map((name) => c.measureText(name).width));
-    const least = Math.ceil(room / cluster);
-    const every = [1, 2, 5, 10, 20, 50].find((step) => step >= least) || least;
-    panel.clusters.forEach((name, i) => {
-      bars.forEach((b, j) => {
-        const v = b.values[i];
-        if (v === null) return;
-        const x = MARGIN.left + cluster * (i + gap) + bar * j;
-        c.fillStyle = b.color;
-        const [top, bottom] = [y(Math.max(this.level(v), 0)), y(Math.min(this.level(v), 0))];
-        c.fillRect(x, top, Math.max(1, bar * (gap ? 0.9 : 1)), bottom - top);
-        panel.places.push({ x, end: x + bar, name, bar: b, value: v });
-      });
-      if (i % every === 0) {
-        c.fillStyle = MUTED;
-        c.textAlign = "center";
-        c.textBaseline = "top";
-        c.fillText(name, MARGIN.left + cluster * (i + 0.5), MARGIN.top + plotHeight + 4);
-        c.textAlign = "right";
-        c.textBaseline = "middle";
-      }
-    });
-    c.strokeStyle = "#aab2bc";
-    c.beginPath();
-    c.moveTo(MARGIN.left, Math.round(y(0)) + 0.5);
-    c.lineTo(MARGIN.left + plotWidth, Math.round(y(0)) + 0.5);
-    c.stroke();
-    c.fillStyle = INK;
-    c.textAlign = "center";
-    c.textBaseline = "bottom";
-    c.fillText(this.axis, MARGIN.left + plotWidth / 2, this.height - 1);
-    c.save();
-    c.translate(11, MARGIN.top + plotHeight / 2);
-    c.rotate(-Math.PI / 2);
-    c.textBaseline = "middle";
-    c.fillText(this.unit, 0, 0);
-    c.restore();
-  }
-
-  showTip(event, panel) {
-    const x = event.clientX - panel.canvas.getBoundingClientRect().left;
-    const hit = (panel.places || []).filter((p) => x >= p.x && x <= p.end);
-    if (hit.length === 0) return this.page.hideTip();
-    const title = `${this.axis} ${hit[0].name} · ${this.unit}`;
-    return this.page.showTip(event, title, hit.map((p) => [p.bar.color, p.bar.name, niceNumber(p.value)]), []);
-  }
-
-  drawOverlay() {}
-}
-
-function card(id, title, note) {
-  const element = document.createElement("section");
-  element.className = "card";
-  element.id = id;
-  const heading = document.createElement("h3");
-  heading.textContent = title;
-  element.append(heading);
-  if (note) {
-    const text = document.createElement("p");
-    text.className = "note";
-    text.textContent = note;
-    element.append(text);
-  }
-  return element;
 }

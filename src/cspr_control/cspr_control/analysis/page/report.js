@@ -166,13 +166,7 @@ class Page {
         c.fillStyle = EVENT_COLORS[event.kind];
         const place = x(event.time);
         if (event.kind === "state") c.fillRect(place - 0.5, top, 1, row - 4);
-        else {
-          c.beginPath();
-          c.moveTo(place, top + 9);
-          c.lineTo(place - 4, top);
-          c.lineTo(place + 4, top);
-          c.fill();
-        }
+        else c.fill(new Path2D(`M ${place} ${top + 9} l -4 -9 h 8 Z`));
       }
     });
     c.strokeStyle = "rgba(0, 114, 178, 0.7)";
@@ -183,22 +177,15 @@ class Page {
   }
 
   showTip(event, title, rows, events) {
-    this.tip.replaceChildren();
-    const heading = document.createElement("b");
-    heading.textContent = title;
-    this.tip.append(heading);
+    this.tip.replaceChildren(element("b", "", title));
     for (const [color, name, value] of rows) {
-      const line = document.createElement("div");
-      const mark = document.createElement("i");
+      const mark = element("i");
       mark.style.background = color;
-      line.append(mark, `${name}: ${value}`);
-      this.tip.append(line);
+      this.tip.append(element("div", "", mark, `${name}: ${value}`));
     }
     for (const happened of events) {
-      const line = document.createElement("div");
-      line.className = "tip-event";
+      const line = element("div", "tip-event", `${secondsText(happened.time)} ${happened.text}`);
       line.style.color = EVENT_COLORS[happened.kind];
-      line.textContent = `${secondsText(happened.time)} ${happened.text}`;
       this.tip.append(line);
     }
     this.tip.hidden = false;
@@ -220,34 +207,19 @@ class Page {
     place.hidden = remarks.length === 0;
     place.open = remarks.length <= SHOWN_REMARKS; // more of them would stand before everything else
     place.querySelector("summary").textContent = remarks.length === 1 ? "1 remark" : `${remarks.length} remarks`;
-    place.querySelector("ul").append(...remarks.map((remark) => withText("li", remark)));
+    place.querySelector("ul").append(...remarks.map((remark) => element("li", "", remark)));
   }
 
   buildSummary() {
-    const table = document.getElementById("summary-table");
-    const head = table.createTHead().insertRow();
-    head.append(withText("th", ""), ...this.runs.map((run) => withText("th", run.title)));
-    const body = table.createTBody();
-    for (const [name, values] of this.report.summary) {
-      const row = body.insertRow();
-      row.append(withText("th", name), ...values.map((value) => withText("td", value)));
-    }
-    const motors = document.getElementById("motor-table");
-    const motorHead = motors.createTHead().insertRow();
-    motorHead.append(withText("th", ""));
-    for (let k = 1; k <= this.report.motors; k++) motorHead.append(withText("th", String(k)));
-    const motorBody = motors.createTBody();
-    for (const [name, values] of this.report.by_motor) {
-      const row = motorBody.insertRow();
-      row.append(withText("th", name), ...values.map((value) => withText("td", value)));
-    }
+    const motors = [...Array(this.report.motors).keys()].map((k) => String(k + 1));
+    fillTable("summary-table", this.runs.map((run) => run.title), this.report.summary);
+    fillTable("motor-table", motors, this.report.by_motor);
   }
 
   buildMotors() {
     const bar = document.getElementById("motors");
     for (let k = 0; k < this.report.motors; k++) {
-      const button = withText("button", String(k + 1));
-      button.className = "motor";
+      const button = element("button", "motor", String(k + 1));
       button.dataset.motor = String(k + 1);
       button.title = `show or hide motor and cable ${k + 1} (alt: all others)`;
       button.style.setProperty("--color", this.report.colours[k % this.report.colours.length]);
@@ -308,13 +280,10 @@ class Page {
     all.sort((a, b) => a.time - b.time);
     for (const event of all) {
       const row = body.insertRow();
-      const kind = withText("span", event.kind);
-      kind.className = "kind";
+      const kind = element("span", "kind", event.kind);
       kind.style.background = EVENT_COLORS[event.kind];
-      const cell = row.insertCell();
-      cell.append(kind);
-      const time = withText("button", secondsText(event.time));
-      time.className = "link";
+      row.insertCell().append(kind);
+      const time = element("button", "link", secondsText(event.time));
       time.addEventListener("click", () => this.setTime(event.time));
       row.insertCell().append(time);
       row.insertCell().textContent = many ? `${event.run}: ${event.text}` : event.text;
@@ -324,30 +293,26 @@ class Page {
   buildConfiguration() {
     const place = document.getElementById("configuration");
     for (const run of this.runs) {
-      const title = withText("h3", run.title);
-      const facts = document.createElement("dl");
-      for (const [key, value] of Object.entries(run.information)) {
-        facts.append(withText("dt", key), withText("dd", value));
-      }
-      place.append(title, facts);
-      for (const [name, text] of Object.entries(run.configuration)) {
-        const details = document.createElement("details");
-        details.append(withText("summary", name), withText("pre", text));
-        place.append(details);
-      }
+      const facts = Object.entries(run.information);
+      place.append(
+        element("h3", "", run.title),
+        element("dl", "", ...facts.flatMap(([key, value]) => [element("dt", "", key), element("dd", "", value)])),
+        ...Object.entries(run.configuration).map(([name, text]) =>
+          element("details", "", element("summary", "", name), element("pre", "", text))),
+      );
     }
-    for (const difference of this.report.differences) {
-      const item = withText("p", difference);
-      item.className = "difference";
-      place.prepend(item);
-    }
+    for (const difference of this.report.differences) place.prepend(element("p", "difference", difference));
   }
 }
 
-function withText(tag, text) {
-  const element = document.createElement(tag);
-  element.textContent = text;
-  return element;
+// `rows`: pairs of a name and the values in the columns.
+function fillTable(id, columns, rows) {
+  const table = document.getElementById(id);
+  const add = (section, cell, name, values) =>
+    section.insertRow().append(element("th", "", name), ...values.map((value) => element(cell, "", value)));
+  add(table.createTHead(), "th", "", columns);
+  const body = table.createTBody();
+  for (const [name, values] of rows) add(body, "td", name, values);
 }
 
 // ---------------------------------------------------------------------- the charts
@@ -378,10 +343,9 @@ function buildCharts(page) {
       note: "Fig. 7 of the paper. Dashed: reference; solid: forward kinematics of the motor angles." },
     (run) => [
       ...["x", "y", "z"].flatMap((axis, k) => [
-        run.blocks.pose && { name: axis, color: AXIS_COLORS[k], motor: null, block: run.blocks.pose, column: k },
+        run.blocks.pose && { name: axis, color: AXIS_COLORS[k], block: run.blocks.pose, column: k },
         run.blocks.reference &&
-          { name: `${axis}, reference`, color: AXIS_COLORS[k], dash: [5, 4], motor: null, block: run.blocks.reference,
-            column: k },
+          { name: `${axis}, reference`, color: AXIS_COLORS[k], dash: [5, 4], block: run.blocks.reference, column: k },
       ]).filter(Boolean),
     ],
   );
@@ -431,8 +395,8 @@ function buildCharts(page) {
       id: "motor-3", title: `Position error of motor ${chosen + 1}, all runs`, unit: "error, deg", height: 280,
       note: "Fig. 12: one line a controller.",
       panels: [{ run: null, series: compared.map((run) => ({
-        name: run.title, color: run.color, dash: run.dashed ? [6, 4] : null, motor: null, block: run.blocks.errors,
-        column: chosen })) }],
+        name: run.title, color: run.color, dash: run.dashed ? [6, 4] : null, block: run.blocks.errors, column: chosen,
+      })) }],
     }));
   }
   lines(
@@ -456,8 +420,8 @@ function buildCharts(page) {
   lines(
     { id: "mass", title: "Payload", unit: "mass, kg", note: "Estimated in real time from the load cells; dashed: true." },
     (run) => [
-      run.blocks.estimate && { name: "estimated", color: run.color, motor: null, block: run.blocks.estimate, column: 0 },
-      run.blocks.truth && { name: "true", color: "#66707c", dash: [6, 4], motor: null, block: run.blocks.truth, column: 0,
+      run.blocks.estimate && { name: "estimated", color: run.color, block: run.blocks.estimate, column: 0 },
+      run.blocks.truth && { name: "true", color: "#66707c", dash: [6, 4], block: run.blocks.truth, column: 0,
         step: true },
     ].filter(Boolean),
   );

@@ -37,15 +37,7 @@ function transform(pose, point) {
 }
 
 function boxCorners(center, size) {
-  const corners = [];
-  for (const sx of [-0.5, 0.5]) {
-    for (const sy of [-0.5, 0.5]) {
-      for (const sz of [-0.5, 0.5]) {
-        corners.push([center[0] + sx * size[0], center[1] + sy * size[1], center[2] + sz * size[2]]);
-      }
-    }
-  }
-  return corners;
+  return [...Array(8).keys()].map((k) => [4, 2, 1].map((bit, i) => center[i] + (k & bit ? 0.5 : -0.5) * size[i]));
 }
 
 // Colour at a share of the scale; grey for a tension that is not known.
@@ -61,15 +53,10 @@ class Scene {
   constructor(page, run) {
     this.page = page;
     this.run = run;
-    this.element = document.createElement("div");
-    this.element.className = "scene panel";
-    const title = document.createElement("div");
-    title.className = "panel-title";
-    title.textContent = page.runs.length > 1 ? run.title : "";
-    this.canvas = document.createElement("canvas");
-    this.caption = document.createElement("div");
-    this.caption.className = "scene-caption";
-    this.element.append(title, this.canvas, this.caption);
+    this.canvas = element("canvas");
+    this.caption = element("div", "scene-caption");
+    const title = element("div", "panel-title", page.runs.length > 1 ? run.title : "");
+    this.element = element("div", "scene panel", title, this.canvas, this.caption);
     this.platform = null;
     this.listen();
   }
@@ -121,10 +108,8 @@ class Scene {
     this.middle = [0, 0];
     const seen = points.map((point) => this.project(point));
     this.page.camera = camera;
-    const [left, right, top, bottom] = [
-      Math.min(...seen.map((p) => p[0])), Math.max(...seen.map((p) => p[0])),
-      Math.min(...seen.map((p) => p[1])), Math.max(...seen.map((p) => p[1])),
-    ];
+    const [[left, right], [top, bottom]] = [0, 1].map((i) => seen.map((p) => p[i])).map(
+      (places) => [Math.min(...places), Math.max(...places)]);
     this.focus = Math.min((width - 40) / (right - left), (height - 44) / (bottom - top));
     this.middle = [
       width / 2 - (this.focus * (left + right)) / 2,
@@ -132,14 +117,13 @@ class Scene {
     ];
   }
 
-  line(c, points) {
-    c.beginPath();
-    points.forEach((point, i) => {
-      const [x, y] = this.project(point);
-      if (i) c.lineTo(x, y);
-      else c.moveTo(x, y);
-    });
-    c.stroke();
+  line(c, points, color) {
+    stroke(c, points.map((point) => this.project(point)), color);
+  }
+
+  edges(c, corners, color, width) {
+    c.lineWidth = width;
+    for (const [a, b] of BOX_EDGES) this.line(c, [corners[a], corners[b]], color);
   }
 
   draw() {
@@ -150,18 +134,15 @@ class Scene {
     const [fx, fy, fz] = robot.frame_size;
     this.target = [0, 0, fz / 2];
     this.distance = 2.4 * Math.hypot(fx, fy, fz);
-    this.fit(boxCorners([0, 0, fz / 2], [fx, fy, fz]), width, height);
+    const frame = boxCorners(this.target, robot.frame_size);
+    this.fit(frame, width, height);
     const t = this.page.time;
     const run = this.run;
 
-    c.strokeStyle = "#e3e7ec";
     c.lineWidth = 1;
-    for (let x = -Math.floor(fx / 2); x <= fx / 2; x += 0.5) this.line(c, [[x, -fy / 2, 0], [x, fy / 2, 0]]);
-    for (let y = -Math.floor(fy / 2); y <= fy / 2; y += 0.5) this.line(c, [[-fx / 2, y, 0], [fx / 2, y, 0]]);
-    const frame = boxCorners([0, 0, fz / 2], [fx, fy, fz]);
-    c.strokeStyle = "#9aa4b0";
-    c.lineWidth = 2;
-    for (const [a, b] of BOX_EDGES) this.line(c, [frame[a], frame[b]]);
+    for (let x = -Math.floor(fx / 2); x <= fx / 2; x += 0.5) this.line(c, [[x, -fy / 2, 0], [x, fy / 2, 0]], "#e3e7ec");
+    for (let y = -Math.floor(fy / 2); y <= fy / 2; y += 0.5) this.line(c, [[-fx / 2, y, 0], [fx / 2, y, 0]], "#e3e7ec");
+    this.edges(c, frame, UNKNOWN_COLOR, 2);
 
     if (run.blocks.reference) this.path(c, run.blocks.reference, "#8a94a0", [4, 3], 1.2);
     if (run.blocks.pose) this.path(c, run.blocks.pose, "#0072B2", [], 1.1);
@@ -181,29 +162,21 @@ class Scene {
         (this.project(exit)[2] > this.project(pose.position)[2] ? far : near).push(k);
       });
       this.cables(c, far, anchors, tensions);
-      if (desired) {
-        c.strokeStyle = "#8a94a0";
-        c.lineWidth = 1;
-        const corners = boxCorners([0, 0, 0], robot.platform_size).map((point) => transform(desired, point));
-        for (const [a, b] of BOX_EDGES) this.line(c, [corners[a], corners[b]]);
-      }
+      const platform = boxCorners([0, 0, 0], robot.platform_size);
+      if (desired) this.edges(c, platform.map((point) => transform(desired, point)), "#8a94a0", 1);
       this.load(c, pose, t);
-      this.box(c, boxCorners([0, 0, 0], robot.platform_size).map((p) => transform(pose, p)), [201, 209, 219]);
+      this.box(c, platform.map((point) => transform(pose, point)), [201, 209, 219]);
       this.cables(c, near, anchors, tensions);
       this.bars(c, tensions, width, height);
     }
-    c.font = "11px system-ui, sans-serif";
-    c.textAlign = "center";
+    c.font = FONT;
     const exits = robot.exit_points.map((exit) => this.project(exit));
     exits.forEach(([x, y], k) => {
-      c.fillStyle = "#39424e";
-      c.beginPath();
-      c.arc(x, y, 3, 0, 2 * Math.PI);
-      c.fill();
+      disc(c, x, y, 3, "#39424e");
       // away from the nearest other one, so that the numbers of a pair keep apart
       const [nearest] = exits.filter((_, other) => other !== k).sort(
         (p, q) => Math.hypot(p[0] - x, p[1] - y) - Math.hypot(q[0] - x, q[1] - y));
-      c.fillText(String(k + 1), x + (nearest && nearest[0] <= x ? 7 : -7), y - 7);
+      write(c, String(k + 1), x + (nearest && nearest[0] <= x ? 7 : -7), y - 7, "center", "middle", "#39424e");
     });
     this.describe(pose, desired, t);
   }
@@ -214,10 +187,9 @@ class Scene {
     for (let i = 0; i < block.time.length; i++) {
       if (block.time[i] >= from && block.time[i] <= to) points.push(block.columns.slice(0, 3).map((x) => x[i]));
     }
-    c.strokeStyle = color;
     c.lineWidth = width;
     c.setLineDash(dash);
-    if (points.length) this.line(c, points);
+    this.line(c, points, color);
     c.setLineDash([]);
   }
 
@@ -227,9 +199,9 @@ class Scene {
       const hidden = this.page.hiddenMotors.has(k);
       c.globalAlpha = hidden ? 0.12 : 1;
       c.lineWidth = 2.4;
-      c.strokeStyle = mixColors(this.page.report.tension_colours, tensions[k] / this.page.report.tension_scale);
       c.setLineDash(tensions[k] < robot.tension_min ? [5, 4] : []);
-      this.line(c, [anchors[k], robot.exit_points[k]]);
+      const color = mixColors(this.page.report.tension_colours, tensions[k] / this.page.report.tension_scale);
+      this.line(c, [anchors[k], robot.exit_points[k]], color);
     }
     c.setLineDash([]);
     c.globalAlpha = 1;
@@ -275,11 +247,8 @@ class Scene {
     const top = height - 14 - row * tensions.length;
     c.fillStyle = "rgba(252, 253, 255, 0.85)"; // the frame lies behind
     c.fillRect(left - 28, top - 20, 142, row * tensions.length + 24);
-    c.font = "11px system-ui, sans-serif";
-    c.textBaseline = "middle";
-    c.fillStyle = INK;
-    c.textAlign = "left";
-    c.fillText(`tension, N (full ${niceNumber(scale)})`, left - 22, top - 9);
+    c.font = FONT;
+    write(c, `tension, N (full ${niceNumber(scale)})`, left - 22, top - 9, "left", "middle", INK);
     tensions.forEach((tension, k) => {
       const y = top + row * k;
       c.globalAlpha = this.page.hiddenMotors.has(k) ? 0.2 : 1;
@@ -287,11 +256,9 @@ class Scene {
       c.fillRect(left, y, 70, row - 5);
       c.fillStyle = mixColors(colors, tension / scale);
       c.fillRect(left, y, 70 * Math.min(1, Math.max(0, tension / scale || 0)), row - 5);
-      c.fillStyle = INK;
-      c.textAlign = "right";
-      c.fillText(String(k + 1), left - 6, y + row / 2 - 2);
-      c.textAlign = "left";
-      c.fillText(Number.isNaN(tension) ? "–" : tension.toFixed(0), left + 75, y + row / 2 - 2);
+      const text = Number.isNaN(tension) ? "–" : tension.toFixed(0);
+      write(c, String(k + 1), left - 6, y + row / 2 - 2, "right", "middle", INK);
+      write(c, text, left + 75, y + row / 2 - 2, "left", "middle", INK);
     });
     c.globalAlpha = 1;
   }
