@@ -51,6 +51,9 @@ def test_what_stopped_the_robot_is_said(capsys):
         (["--set", "kp"], "NODE.NAME=VALUE"),
         (["--payload", "-3"], "not a mass"),
         (["--duration", "soon"], "not a time"),
+        (["--seed", "-1"], "not a whole number"),
+        (["--controller", "pid"], "(choose from 'pd', 'static'"),
+        (["--set", "motor_controller_3.kp=4"], "'motor_controller_3' is not a node that has them here"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(arguments, words, capsys):
@@ -59,9 +62,16 @@ def test_arguments_that_make_no_sense_are_refused(arguments, words, capsys):
     assert words in capsys.readouterr().err.replace("\n", " ")
 
 
-def test_a_configuration_that_is_not_there(capsys, tmp_path):
-    assert closed_loop.main(["--config", str(tmp_path)]) == 1
-    assert "robot.yaml" in capsys.readouterr().err
+def test_a_fault_after_the_trajectory_is_refused(capsys):
+    assert closed_loop.main(["--config", CONFIG, "--duration", "1", "--fault", "bus_cut main@30"]) == 1
+    assert "would come too late: the trajectory is over after 1 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("program", [closed_loop, faults])
+def test_a_configuration_that_is_not_there(program, capsys, tmp_path):
+    with pytest.raises(SystemExit):
+        program.main(["--config", str(tmp_path)])
+    assert "robot.yaml is not there" in capsys.readouterr().err
 
 
 def test_the_table_of_faults(tmp_path, capsys):

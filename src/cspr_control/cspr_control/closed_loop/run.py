@@ -141,5 +141,11 @@ def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:
         loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
     for planned in scenario.faults:
         order = loop.machine.faults.read(planned.fault)
+        lasts = (player.end_time - player.start_time) * 1e-9
+        lasts = min(lasts, lasts if scenario.duration is None else scenario.duration)
+        if planned.time > lasts + _SETTLING:
+            raise ClosedLoopError(
+                f"{planned.fault} at {planned.time:g} s would come too late: the trajectory is over after {lasts:g} s"
+            )
         delay = planned.time + (player.start_time - loop.time.system_ns()) * 1e-9
         loop.time.at(loop.time.monotonic() + delay, partial(loop.machine.faults.inject, order))

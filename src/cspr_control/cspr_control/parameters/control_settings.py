@@ -18,6 +18,18 @@ from cspr_control.parameters.settings import (
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot
 from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import ALL_NODES
+
+NODES = (
+    "trajectory_publisher",
+    "feedforward",
+    "motor_control_gains",
+    "pose_estimator",
+    "mass_estimator",
+    "supervisor",
+    ALL_NODES,
+)
+"""The nodes whose parameters the settings are; motor controllers have only what is said of all nodes."""
 
 
 @dataclass(frozen=True)

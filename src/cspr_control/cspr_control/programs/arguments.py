@@ -58,7 +58,7 @@ def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]
 def add_configuration_argument(parser: argparse.ArgumentParser) -> None:
     """Add ``--config``."""
     parser.add_argument(
-        "--config", type=Path, default=Path("config"), metavar="DIR",
+        "--config", type=_configuration, default="config", metavar="DIR",
         help="directory of the configuration; default: %(default)s",
     )  # fmt: skip
 
@@ -74,7 +74,10 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, controllers: Any =
         The group of arguments that ``--controller`` belongs to, if it belongs to one.
     """
     (controllers or parser).add_argument(
-        "--controller", choices=list(Controller), default=Controller.PDFF_MASS, help="default: %(default)s"
+        "--controller",
+        choices=[one.value for one in Controller],
+        default="pdff-mass",
+        help="default: %(default)s",
     )
     add = parser.add_argument
     add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
@@ -110,6 +113,14 @@ def chosen_experiment(parser: argparse.ArgumentParser, options: argparse.Namespa
         "payload": options.payload,
         "added": added,
     }
+
+
+def _configuration(text: str) -> Path:
+    if not Path(text, "robot.yaml").is_file():
+        raise argparse.ArgumentTypeError(
+            f"{text}/robot.yaml is not there: start from the repository's root or name --config DIR"
+        )
+    return Path(text)
 
 
 def _added_payload(text: str) -> AddedPayload | None:

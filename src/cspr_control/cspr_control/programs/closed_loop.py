@@ -11,6 +11,7 @@ from cspr_control.analysis.numbers.run_summary import format_summary
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
 from cspr_control.errors import ControlError
+from cspr_control.parameters.control_settings import NODES
 from cspr_control.programs.arguments import (
     add_experiment_arguments,
     chosen_experiment,
@@ -91,9 +92,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )  # fmt: skip
     add("--duration", type=seconds, metavar="S", help="stop the trajectory after this time; default: its end")
     add("--plant", action="store_true", help="the plant alone, without drivers, buses and devices")
-    add("--seed", type=int, help="of the noise; default: that of simulation.yaml")
+    add("--seed", type=_seed, help="of the noise; default: that of simulation.yaml")
     add(
-        "--set", type=parameter(), action="append", default=[], metavar="NODE.NAME=VALUE",
+        "--set", type=parameter(NODES), action="append", default=[], metavar="NODE.NAME=VALUE",
         help="a parameter other than in control.yaml; several",
     )  # fmt: skip
     add("--bag", type=Path, metavar="DIR", help="record all that is published, as the recorder does")
@@ -102,6 +103,12 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         parser.error("--fault needs devices that can have it: leave out --plant")
     options.experiment = chosen_experiment(parser, options)
     return options
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 0")
+    return int(text)
 
 
 def _fault(text: str) -> PlannedFault:

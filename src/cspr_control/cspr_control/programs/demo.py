@@ -155,10 +155,6 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     if options.exact_mass and options.compare:
         parser.error("--exact-mass has no meaning for --compare, which runs pdff with the exact mass as well")
     options.experiment = chosen_experiment(parser, options)
-    if not Path(options.config, "robot.yaml").is_file():
-        parser.error(
-            f"{options.config}/robot.yaml is not there: start from the repository's root or name --config DIR"
-        )
     return options
 
 

@@ -174,8 +174,9 @@ def _payload_lines(payload: PayloadComparison) -> list[str]:
         )
     for name, quality in (("recorded", payload.recorded_quality), ("re-run", payload.rerun_quality)):
         if quality is not None:
-            settled = "never" if quality.settling_time is None else f"after {quality.settling_time:.2f} s"
-            lines.append(f"    {name:<10} within 2 % {settled}, {quality.final_error:+.2f} kg off at the end")
+            time = quality.settling_time
+            settled = "never within 2 %" if time is None else f"within 2 % after {time:.2f} s"
+            lines.append(f"    {name:<10} {settled}, {quality.final_error:+.2f} kg off at the end")
     return lines
 
 

@@ -77,7 +77,10 @@ class ParameterFile:
 
     def values(self, node: str) -> dict[str, Any]:
         """Return all parameters of a node of ours by name, given ones and defaults; raises ParameterError."""
-        return parameter_values(node, self.of(node))
+        try:
+            return parameter_values(node, self.of(node))
+        except ParameterError as error:
+            raise ParameterError(f"{self.name}: {node}: {error}") from error
 
     def change(self, node: str, values: Mapping[str, Any]) -> None:
         """Give parameters of a node, or of all nodes, other values; raises ParameterError for what does not fit."""

@@ -146,8 +146,8 @@ def format_summary(summary: RunSummary) -> str:
         row.format("position error (deg)", *(f"motor {k}" for k in range(1, m + 1)), "mean"),
         row.format("  RMS", *(f"{e:.2f}" for e in errors.rms), f"{summary.mean_rms_deg:.2f}"),
         row.format("  maximum", *(f"{e:.2f}" for e in errors.maximum), f"{errors.maximum.mean():.2f}"),
-        f"  payload               true {mass.true:.1f} kg, estimated {mass.estimate:.1f} kg, within 2 % after "
-        f"{_settled(mass)}",
+        f"  payload               true {mass.true:.1f} kg, estimated {mass.estimate:.1f} kg, "
+        f"{'never within 2 %' if mass.settling is None else f'within 2 % after {_settled(mass)}'}",
         f"  control cycle         {cycle.rate:.1f} Hz, {cycle.missed} of {cycle.cycles} cycles missed "
         f"({summary.missed_share:.3%})",
         f"  command latency       {cycle.latency_p50_us:.0f} us median, {cycle.latency_p99_us:.0f} us 99 %, "
