@@ -41,17 +41,17 @@ def distribute_batch(
     first: int,
     after_last: int,
     tensions: FloatArray,
+    feasible: BoolArray,
+    residual: FloatArray,
+    residual_wrench: FloatArray,
+    margin: FloatArray,
+    active: NDArray[np.int8],
     status: NDArray[np.int64],
     steps: NDArray[np.int64],
     direction: FloatArray,
     separation: FloatArray,
-    residual_wrench: FloatArray,
-    residual: FloatArray,
-    margin: FloatArray,
-    active: NDArray[np.int8],
-    feasible: BoolArray,
 ) -> tuple[int, bool]:
-    """Find tensions for wrenches `first` to `after_last` of a batch of n.
+    """Find tensions for wrenches `first` to `after_last` of a batch of n; write the fields of a `TensionResult`.
 
     Parameters
     ----------
@@ -62,18 +62,13 @@ def distribute_batch(
     t_min, t_max, t_reference : numpy.ndarray, shape (n or 1, m)
     weights : numpy.ndarray, shape (6,)
     tensions : numpy.ndarray, shape (n, m)
-        Receives the tensions; nothing for a singular wrench matrix.
-    status, steps : numpy.ndarray of int, shape (n,)
-        Receive a `TensionStatus`, or SINGULAR, and the steps of the solvers.
-    direction : numpy.ndarray, shape (n, 6)
-        Receives a separating direction for each wrench out of reach of a bounded method; NaN for the others.
-    separation : numpy.ndarray, shape (n,)
-        Receives the distance that each of them proves; NaN for the others.
-    residual_wrench : numpy.ndarray, shape (n, 6)
-    residual, margin : numpy.ndarray, shape (n,)
-    active : numpy.ndarray of int8, shape (n, m)
+        Nothing is written for a singular wrench matrix, but its status.
     feasible : numpy.ndarray of bool, shape (n,)
-        Receive the other fields of a `TensionResult`.
+    residual, margin, separation : numpy.ndarray, shape (n,)
+    residual_wrench, direction : numpy.ndarray, shape (n, 6)
+    active : numpy.ndarray of int8, shape (n, m)
+    status, steps : numpy.ndarray of int, shape (n,)
+        A `TensionStatus`, or SINGULAR.
 
     Returns
     -------
