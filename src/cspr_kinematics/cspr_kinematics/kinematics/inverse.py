@@ -90,7 +90,7 @@ def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
     fault, cable, member = cables_at_poses(robot.path_geometry, positions, rotations, *outputs)
     if fault != PATH_EXISTS:
         raise path_error(fault, cable, member, pose)
-    return Cables(*[in_batch(array, batch) for array in outputs], position=pose.position)
+    return Cables(*[*(in_batch(array, batch) for array in outputs), pose.position])
 
 
 def cable_lengths(robot: Robot, pose: Pose) -> FloatArray:
