@@ -10,7 +10,8 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from cspr_control.closed_loop.fault_scenarios import LARGEST_DROP, SCENARIOS, Bench
+from cspr_control.closed_loop.fault_outcome import LARGEST_DROP, Bench
+from cspr_control.closed_loop.fault_scenarios import SCENARIOS
 
 ROOT = Path(__file__).parents[2]
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cspr_control.closed_loop.fault_scenarios import PAYLOAD, SCENARIOS, Bench, FaultScenario, Outcome
+from cspr_control.closed_loop.fault_outcome import PAYLOAD, Bench, Outcome
+from cspr_control.closed_loop.fault_scenarios import SCENARIOS, FaultScenario
 from cspr_control.closed_loop.loop import ClosedLoopError
 from cspr_control.errors import ControlError
 from cspr_kinematics import KinematicsError

@@ -31,7 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"cspr: there is no program {name!r}; {hint}", file=sys.stderr)
         return 2
     sys.argv = [f"cspr {name}", *words[1:]]  # the program reads its arguments as if it were started alone
-    return int(programs[name].load()() or 0)
+    try:
+        program = programs[name].load()
+    except ModuleNotFoundError as error:
+        print(f"cspr: {name} needs the Python package {error.name}, which is not installed", file=sys.stderr)
+        return 1
+    return int(program() or 0)
 
 
 def _help(programs: Iterable[EntryPoint]) -> str:

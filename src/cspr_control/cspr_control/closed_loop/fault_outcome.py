@@ -1,0 +1,192 @@
+"""What becomes of a fault in simulated time: until all brakes hold, and how the operator brings the robot back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cspr_control.closed_loop.fault_scenarios import FaultScenario, RobotLoop, across, wait_until_set_up
+from cspr_control.closed_loop.loop import ClosedLoopError
+from cspr_control.closed_loop.run import closed_loop
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.reference.point_to_point import PointToPoint
+from cspr_kinematics import Pose, Robot
+from cspr_msgs_py.vocabulary import RobotState
+
+PAYLOAD = 200.0  # kg on a platform of 153 kg
+LARGEST_DROP = 0.020  # m
+_SETTLING = 0.2  # s for which the robot is watched after the brakes hold
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a fault.
+
+    Attributes
+    ----------
+    cause
+        As latched.
+    controlled
+        Whether the robot came to rest along its path first.
+    duration
+        From the fault until all brakes hold, s.
+    drop
+        Height lost, from the fault until the platform rests on the brakes, m.
+    lowest_tension
+        Of all cables until the brakes hold, N.
+    jump
+        Largest movement of the platform while the operator enables it again, m.
+    """
+
+    cause: str
+    controlled: bool
+    duration: float
+    drop: float
+    lowest_tension: float
+    jump: float
+
+
+class FaultError(ClosedLoopError):
+    """A fault did not end as it must."""
+
+
+def run(loop: RobotLoop, scenario: FaultScenario, moving: bool = False) -> Outcome:
+    """Let a fault happen to a robot that is enabled, see it end, and bring the robot back to being enabled.
+
+    Raises
+    ------
+    FaultError
+        If it ends otherwise than held, brakes closed, latched and named, or the robot cannot be brought back.
+    """
+    robot, plant, time = loop.machine, loop.machine.plant, loop.time
+    if moving:
+        _move(loop, scenario.towards)
+    heights: list[float] = []
+    tensions: list[float] = []
+    states: list[RobotState] = []
+    closed_at: list[float] = []
+    onset: list[float] = []
+
+    def look() -> None:
+        if not onset and scenario.onset(loop):
+            onset.append(time.monotonic())
+            heights.clear()
+        heights.append(plant.platform_position()[2])
+        states.append(loop.state)
+        if not closed_at:
+            tensions.append(plant.tensions().min())
+            if not any(device.automaton.brake_open for device in robot.devices):
+                closed_at.append(time.monotonic())
+
+    begin = time.monotonic()
+    robot.on_tick = look
+    look()
+    scenario.begin(loop)
+    while not (closed_at and loop.state is RobotState.FAULT):
+        time.wait(0.01)
+        _require(time.monotonic() - begin < scenario.lasts, f"not over after {scenario.lasts:g} s", loop)
+    time.wait(_SETTLING)
+    robot.on_tick = lambda: None
+    _require_held(loop, scenario)
+    _require(bool(onset), "it has not happened", loop)
+    duration, drop = closed_at[0] - onset[0], heights[0] - min(heights)
+    _require(drop <= LARGEST_DROP, f"{1e3 * drop:.1f} mm of height lost", loop)
+    cause = loop.cause
+    scenario.end(loop)
+    time.wait(_SETTLING)
+    _require_held(loop, scenario)
+    return Outcome(
+        cause, RobotState.STOPPING in states, duration, drop, min(tensions), recover(loop, scenario.rest)
+    )
+
+
+def recover(loop: RobotLoop, rest: float) -> float:
+    """Reset and enable as the operator does; return the largest movement of the platform meanwhile, m."""
+    robot, plant, time = loop.machine, loop.machine.plant, loop.time
+    wait_until_set_up(loop)
+    time.wait(rest)
+    decision = loop.order("/supervisor/reset")
+    _require(decision.accepted, decision.message, loop)
+    loop.wait_for(RobotState.DISABLED, 3.0)
+    time.wait(0.1)
+    place = plant.platform_position()
+    away = []
+    robot.on_tick = lambda: away.append(float(np.linalg.norm(plant.platform_position() - place)))
+    loop.enable()
+    time.wait(0.3)
+    robot.on_tick = lambda: None
+    _require(loop.state is RobotState.ENABLED, "not enabled again", loop)
+    return max(away)
+
+
+def _move(loop: RobotLoop, towards: float | None) -> None:
+    """Bring the platform to full speed, level."""
+    home = loop.robot.home  # level, whatever the faults before have left
+    here = loop.player.held_pose
+    if towards is not None and here is not None and here.position[0] * towards > -0.1:
+        start = home.position - np.array([0.4 * towards, 0.0, 0.0])
+        loop.play(lambda here: PointToPoint(here, Pose(start, home.rotation), loop.player.limits))
+        loop.wait_until(lambda: loop.player.phase.at_rest, 10.0, lambda: "the platform is still moving")
+    loop.play(lambda here: PointToPoint(here, across(here, 0.4, home), loop.player.limits))
+    loop.time.wait(loop.player.dwell + 1.0)
+
+
+def _require_held(loop: RobotLoop, scenario: FaultScenario) -> None:
+    _require(loop.state is RobotState.FAULT, "not latched", loop)
+    _require(scenario.cause in loop.cause, f"the cause does not name '{scenario.cause}'", loop)
+    _require(not any(device.automaton.brake_open for device in loop.machine.devices), "a brake is open", loop)
+    speed = float(np.abs(loop.machine.plant.motor_speeds()).max())
+    _require(speed < 0.1, f"a motor turns at {speed:.2f} rad/s", loop)
+    _require(not loop.order("/supervisor/enable").accepted, "enable is accepted", loop)
+
+
+def _require(condition: bool, problem: str, loop: RobotLoop) -> None:
+    if not condition:
+        state, cause, _ = loop.machine.drives.states()
+        raise FaultError(
+            f"{problem}; robot {loop.state.value} ({loop.cause}), drives {state.value} ({cause})"
+        )
+
+
+class Bench:
+    """A robot that is enabled, for one scenario after the other; another one after a scenario that failed.
+
+    Parameters
+    ----------
+    config
+        Directory of the configuration.
+    """
+
+    def __init__(self, config: Path) -> None:
+        self._config = config
+        self._loop: RobotLoop | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as the controllers believe it to be."""
+        return self._enabled().robot
+
+    def outcome(self, scenario: FaultScenario, moving: bool) -> Outcome:
+        """Let a fault happen; raises what `run` does."""
+        try:
+            return run(self._enabled(), scenario, moving)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the robot."""
+        if self._loop is not None:
+            self._loop.machine.close()
+            self._loop = None
+
+    def _enabled(self) -> RobotLoop:
+        """Return the robot; it carries `PAYLOAD` and holds it, enabled."""
+        if self._loop is None:
+            self._loop = closed_loop(Scenario(payload=PAYLOAD, config=self._config))
+            self._loop.begin()
+            self._loop.time.wait(2.0)  # the estimate of the payload settles
+            self._loop.enable()
+        return self._loop
