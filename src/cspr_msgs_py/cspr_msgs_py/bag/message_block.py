@@ -126,9 +126,9 @@ class MessageBlock:
             yield bytes(view[start : start + size])
 
     def messages(self) -> Iterator[tuple[int, int, int, int, bytes]]:
-        """Yield channel, sequence number, log time (ns), publish time (ns) and data of each message."""
-        for (_, _, *head), data in zip(self._heads.tolist(), self, strict=True):
-            yield (*head, data)
+        """Return channel, sequence number, log time (ns), publish time (ns) and data of each message."""
+        fields = (self._heads[name].tolist() for name in ("channel", "sequence", "log_time", "publish_time"))
+        return zip(*fields, self, strict=True)
 
     def data(self, index: int) -> bytes:
         """Return the data of one message."""
