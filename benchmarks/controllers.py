@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from multiprocessing import Pool
 
-import numpy as np
 from studies.experiment import BARE, CONTROLLERS
 
 from cspr_control.closed_loop.run import run
@@ -35,10 +34,10 @@ CASES = {
 
 def _row(name: str, scenario: Scenario) -> str:
     record = run(scenario)
-    largest = np.degrees(np.abs(record.position_error).max())
     settled = f"{record.settling_time:.2f} s" if scenario.added else "-"
-    error = record.mass_estimate[-1] - record.mass_true[-1]
-    return f"{name:40}{record.rms_deg.mean():>10.2f}{largest:>10.1f}{error:>+12.2f} kg{settled:>10}"
+    errors = record.errors
+    row = f"{name:40}{errors.rms.mean():>10.2f}{errors.maximum.max():>10.1f}{record.mass_error:>+12.2f} kg"
+    return f"{row}{settled:>10}"
 
 
 def main() -> None:

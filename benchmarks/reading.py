@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from benchmarks.timing import seconds
 from cspr_msgs_py.bag.bag_file import BagFile
-from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.reader import Bag
-from cspr_msgs_py.message_definitions import message_definition
-from cspr_msgs_py.topics import MOTOR_STATES, motor_names
-from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.bag.sample_bag import SampleBag
+from cspr_msgs_py.topics import MOTOR_STATES
+from cspr_msgs_py.wire.joint_state import JointStateSample
 
 MOTORS = 8
 PERIOD = 4_000_000  # ns
@@ -33,32 +32,17 @@ CHUNK = 125  # messages in half a second
 
 def write(directory: Path, number: int) -> Path:
     """Write a bag of this number of motor states, a chunk every half second as the recorder does."""
-    codec = JointStateCodec(motor_names(MOTORS))
-    bag = BagFile(directory, {})
-    topic = bag.add_topic(
-        RecordedTopic(MOTOR_STATES.name, MOTOR_STATES.type, message_definition(MOTOR_STATES.type))
-    )
+    file = BagFile(directory, {})
+    bag = SampleBag(file, MOTORS)
     counts = (
         np.random.default_rng(0).integers(-(2**31), 2**31, (1000, 3, MOTORS)) * 2.0**-24
     )  # as an encoder's
     for index in range(number):
-        bag.add_message(
-            topic, index * PERIOD, index * PERIOD, codec.encode(index * PERIOD, *counts[index % 1000])
-        )
+        bag.write(MOTOR_STATES, index * PERIOD, JointStateSample(index * PERIOD, *counts[index % 1000]))
         if index % CHUNK == CHUNK - 1:
-            bag.sync()
+            file.sync()
     bag.close()
     return directory
-
-
-def seconds(function: Callable[[], object], repetitions: int = 3) -> float:
-    """Return the CPU time of the best of some runs, s."""
-    times = []
-    for _ in range(repetitions):
-        start = process_time()
-        function()
-        times.append(process_time() - start)
-    return min(times)
 
 
 def ours(bag: Path) -> None:
@@ -99,8 +83,8 @@ def main(arguments: Sequence[str] = ()) -> None:
     part = max(number // 50, 1)
     with tempfile.TemporaryDirectory() as directory:
         packed = write(Path(directory) / "bag", number)
-        decoded = seconds(lambda: mcap_ros2_support(packed, part), 1) * number / part
-        others = seconds(lambda: rosbags(packed, part), 1) * number / part
+        decoded = seconds(lambda: mcap_ros2_support(packed, part), repetitions=1) * number / part
+        others = seconds(lambda: rosbags(packed, part), repetitions=1) * number / part
         whole, before = seconds(lambda: ours(packed)), seconds(lambda: decompressed(packed))
         rows = [
             ("Bag, zstd", whole),

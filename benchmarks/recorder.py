@@ -7,6 +7,7 @@ graph does; the stamps count the cycles, so that the bag shows which messages ar
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import subprocess
@@ -22,28 +23,27 @@ import rclpy
 from rclpy.node import Node
 
 from cspr_msgs_py.bag.reader import Bag
-from cspr_msgs_py.runtime.process import LEAN_NODE, advertise
+from cspr_msgs_py.runtime.process import LEAN_NODE, sample_publisher
 from cspr_msgs_py.topics import (
-    BASE_FRAME,
     CABLE_TENSIONS,
     MOTOR_STATES,
     PAYLOAD,
-    PLATFORM_FRAME,
     PLATFORM_POSE,
     REFERENCE,
     SETPOINT,
     SIMULATED_PAYLOAD,
-    cable_names,
     motor_command,
-    motor_names,
 )
-from cspr_msgs_py.wire.joint_state import JointStateCodec
-from cspr_msgs_py.wire.reference import VECTORS, ReferenceCodec, ReferenceSample
-from cspr_msgs_py.wire.stamped_doubles import StampedDoublesCodec
+from cspr_msgs_py.wire.joint_state import JointSample, JointStateSample
+from cspr_msgs_py.wire.reference import VECTORS, ReferenceSample
+from cspr_msgs_py.wire.samples import InertiaSample, PoseSample
 
 RATE = 500  # Hz
 MOTORS = 8
-SLOW = RATE // 50  # cycles between two messages of the topics of 50 Hz
+EVERY = RATE // 50  # cycles between two messages of the topics of 50 Hz
+COMMANDS = tuple(motor_command(k) for k in range(1, MOTORS + 1))
+FAST = (REFERENCE, SETPOINT, MOTOR_STATES, CABLE_TENSIONS, *COMMANDS)
+SLOW = (PLATFORM_POSE, PAYLOAD, SIMULATED_PAYLOAD)
 SAMPLES = 5  # of the memory
 LATE = 0.02  # s
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -53,25 +53,10 @@ def flood(cycles: int) -> None:
     """Publish this number of cycles, then print how late the worst one was."""
     rclpy.init()
     node = Node("flood", **LEAN_NODE)
-    names = motor_names(MOTORS)
-    states, cables = (
-        JointStateCodec(names),
-        JointStateCodec(cable_names(MOTORS), position=False, velocity=False),
-    )
-    commands = [JointStateCodec([name], position=False, velocity=False) for name in names]
-    reference, pose, inertia = (
-        ReferenceCodec(), StampedDoublesCodec(BASE_FRAME, 7), StampedDoublesCodec(PLATFORM_FRAME, 10)
-    )  # fmt: skip
+    send = {topic: sample_publisher(node, topic, MOTORS) for topic in (*FAST, *SLOW)}
     vectors = {field: np.zeros(size) for field, size in VECTORS.items()}
-    publish = {
-        topic.name: advertise(node, topic).publish
-        for topic in (
-            REFERENCE, SETPOINT, MOTOR_STATES, CABLE_TENSIONS, PLATFORM_POSE, PAYLOAD, SIMULATED_PAYLOAD,
-            *(motor_command(k) for k in range(1, MOTORS + 1)),
-        )
-    }  # fmt: skip
-    commanded = [publish[motor_command(k).name] for k in range(1, MOTORS + 1)]
-    while not all(node.count_subscribers(name) for name in publish):
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    while not all(node.count_subscribers(topic.name) for topic in send):
         time.sleep(0.05)
     time.sleep(1.0)  # until the recorder knows the publishers as well
     print("publishing", flush=True)
@@ -81,17 +66,16 @@ def flood(cycles: int) -> None:
     latest = 0.0
     for cycle in range(cycles):
         position, velocity, effort = noise[cycle % 256] + cycle
-        publish[REFERENCE.name](reference.encode(ReferenceSample(cycle, cycle / RATE, **vectors)))
-        publish[SETPOINT.name](states.encode(cycle, velocity, effort, position))
-        publish[MOTOR_STATES.name](states.encode(cycle, position, velocity, effort))
-        publish[CABLE_TENSIONS.name](cables.encode(cycle, effort=effort))
-        for k, send in enumerate(commanded):
-            send(commands[k].encode(cycle, effort=effort[k : k + 1]))
-        if cycle % SLOW == 0:
-            load = inertia.encode(cycle, [100.0, *np.zeros(9)])
-            publish[PLATFORM_POSE.name](pose.encode(cycle, [0, 0, 1, 0, 0, 0, 1]))
-            publish[PAYLOAD.name](load)
-            publish[SIMULATED_PAYLOAD.name](load)
+        send[REFERENCE](ReferenceSample(cycle, cycle / RATE, **vectors))
+        send[SETPOINT](JointStateSample(cycle, velocity, effort, position))
+        send[MOTOR_STATES](JointStateSample(cycle, position, velocity, effort))
+        send[CABLE_TENSIONS](JointStateSample(cycle, position, velocity, effort))
+        for topic, torque in zip(COMMANDS, effort.tolist(), strict=True):
+            send[topic](JointSample(cycle, math.nan, math.nan, torque))
+        if cycle % EVERY == 0:
+            send[PLATFORM_POSE](PoseSample(cycle, np.array([0.0, 0.0, 1.0]), upright))
+            for topic in (PAYLOAD, SIMULATED_PAYLOAD):
+                send[topic](InertiaSample(cycle, 100.0, np.zeros(3)))
         due += 1 / RATE
         delay = due - time.monotonic()
         latest = max(latest, -delay)
@@ -139,16 +123,9 @@ def running(*arguments: str, ready: str) -> Iterator[subprocess.Popen[str]]:
 
 def lost(bag: Path, cycles: int) -> dict[str, int]:
     """Return the number of messages of each topic that are not in the bag."""
-    missing = {}
+    expected = dict.fromkeys(FAST, cycles) | dict.fromkeys(SLOW, -(-cycles // EVERY))
     with Bag(bag) as read:
-        for topic, recorded in read.counts.items():
-            if topic in {PLATFORM_POSE.name, PAYLOAD.name, SIMULATED_PAYLOAD.name}:
-                missing[topic] = -(-cycles // SLOW) - recorded
-            elif topic in {REFERENCE.name, SETPOINT.name, MOTOR_STATES.name, CABLE_TENSIONS.name} or (
-                topic.endswith("/command")
-            ):
-                missing[topic] = cycles - recorded
-    return missing
+        return {topic.name: number - read.counts.get(topic.name, 0) for topic, number in expected.items()}
 
 
 def measure(minutes: float, parameters: Sequence[str]) -> None:

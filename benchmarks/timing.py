@@ -22,10 +22,12 @@ def microseconds(function: Callable[[], object], repetitions: int) -> float:
     return min(times) * 1e6
 
 
-def seconds(function: Callable[[], object], clock: Callable[[], float] = thread_time) -> float:
-    """Best of five times, s; on the clock of this thread, which work on others does not count on."""
+def seconds(
+    function: Callable[[], object], clock: Callable[[], float] = thread_time, repetitions: int = 5
+) -> float:
+    """Best of some times, s; on the clock of this thread, which work on others does not count on."""
     times = []
-    for _ in range(5):
+    for _ in range(repetitions):
         start = clock()
         function()
         times.append(clock() - start)

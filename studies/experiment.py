@@ -13,7 +13,7 @@ import numpy as np
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.demo.scenario import AddedPayload
+from cspr_control.parameters.experiment import AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.vocabulary import Controller
 
@@ -74,38 +74,16 @@ def _run(case: Case, config: Path) -> LoopRecord:
     return run(replace(case.scenario, config=config))
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The numbers of one case; degrees and rad/s at the motor shafts, m motors."""
-
-    rms_deg: tuple[float, ...]
-    max_deg: tuple[float, ...]
-    rms_speed: tuple[float, ...]
-    tension_rms: tuple[float, ...]  # N, true less what the feed-forward counted on
-    saturated: float  # share of the commands at the torque limit
-    mass_error: float  # kg, estimate less truth at the end
-    settling_time: float  # s, from the change of the load, or the start, until the estimate stays within 2 %
-    faster_than_real_time: float  # simulated time over the machine's
-
-    @property
-    def mean_rms_deg(self) -> float:
-        """Mean of the motors."""
-        return float(np.mean(self.rms_deg))
+def rms(values: np.ndarray) -> np.ndarray:
+    """Return the root mean square of each motor's or cable's values (n, m)."""
+    return np.asarray(np.sqrt((values**2).mean(axis=0)))
 
 
-def outcome(record: LoopRecord, torque_limit: float) -> Outcome:
-    """Return the numbers of a record."""
+def tension_rms(record: LoopRecord) -> np.ndarray:
+    """Return the RMS of the true tensions less those that the feed-forward counted on (m,), N."""
+    return rms(record.tensions - record.asked_tensions)
 
-    def rms(values: np.ndarray) -> tuple[float, ...]:
-        return tuple(np.sqrt((values**2).mean(axis=0)).tolist())
 
-    return Outcome(
-        rms_deg=tuple(record.rms_deg.tolist()),
-        max_deg=tuple(record.max_deg.tolist()),
-        rms_speed=rms(record.velocity_error),
-        tension_rms=rms(record.tensions - record.asked_tensions),
-        saturated=float((np.abs(np.nan_to_num(record.torque)) >= torque_limit).mean()),
-        mass_error=float(record.mass_estimate[-1] - record.mass_true[-1]),
-        settling_time=record.settling_time,
-        faster_than_real_time=record.simulated / record.elapsed,
-    )
+def saturated(record: LoopRecord, torque_limit: float) -> float:
+    """Return the share of the commands at the torque limit, N m."""
+    return float((np.abs(np.nan_to_num(record.torque)) >= torque_limit).mean())

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
+from cspr_control.parameters.experiment import AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import SIMULATED_PAYLOAD
@@ -96,6 +97,23 @@ class LiveRun:
         )
 
 
+class Compared(NamedTuple):
+    """A number of both outcomes, and by how much they may differ: as a share of the offline one, or in its unit."""
+
+    name: str
+    live: float
+    offline: float
+    tolerance: float
+    share: bool = False
+
+    @property
+    def deviation(self) -> float:
+        """Live less offline."""
+        if self.share:
+            return self.live / self.offline - 1.0
+        return 0.0 if self.live == self.offline else self.live - self.offline  # both may be infinite
+
+
 @dataclass(frozen=True)
 class Agreement:
     """Both outcomes of one case."""
@@ -105,39 +123,26 @@ class Agreement:
     mass_estimate: float
     settling_time: float
 
+    def numbers(self) -> list[Compared]:
+        """Return what is compared; first the mean RMS error."""
+        live, motors = self.live, zip(self.live.rms_deg, self.rms_deg, strict=True)
+        mean = live.rms_deg.mean(), self.rms_deg.mean()
+        return [
+            Compared("mean RMS error, deg", *mean, MEAN_TOLERANCE, share=True),
+            *(Compared(f"motor {k}", *both, MOTOR_TOLERANCE, share=True) for k, both in enumerate(motors, 1)),
+            Compared("final mass estimate, kg", live.mass_estimate, self.mass_estimate, MASS_TOLERANCE),
+            Compared("settled to 2 % after, s", live.settling_time, self.settling_time, SETTLING_TOLERANCE),
+        ]
+
     @property
     def mean_deviation(self) -> float:
         """Live less offline, as a share, of the mean RMS error."""
-        return float(self.live.rms_deg.mean() / self.rms_deg.mean() - 1.0)
-
-    @property
-    def largest_deviation(self) -> float:
-        """Largest share, in magnitude, by which one motor's RMS error differs."""
-        return float(np.abs(self.live.rms_deg / self.rms_deg - 1.0).max())
-
-    @property
-    def mass_deviation(self) -> float:
-        """Live less offline final estimate, kg."""
-        return self.live.mass_estimate - self.mass_estimate
-
-    @property
-    def settling_deviation(self) -> float:
-        """Live less offline settling time, s."""
-        return (
-            0.0
-            if self.live.settling_time == self.settling_time
-            else self.live.settling_time - self.settling_time
-        )
+        return self.numbers()[0].deviation
 
     @property
     def within_tolerance(self) -> bool:
         """Whether every number agrees within its tolerance."""
-        return (
-            abs(self.mean_deviation) <= MEAN_TOLERANCE
-            and self.largest_deviation <= MOTOR_TOLERANCE
-            and abs(self.mass_deviation) <= MASS_TOLERANCE
-            and abs(self.settling_deviation) <= SETTLING_TOLERANCE
-        )
+        return all(abs(one.deviation) <= one.tolerance for one in self.numbers())
 
 
 def agreement(live: LiveRun) -> Agreement:

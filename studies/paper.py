@@ -14,6 +14,7 @@ from cspr_control.errors import ControlError
 from cspr_kinematics import KinematicsError, Robot
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessagesError
+from cspr_msgs_py.programs.command_line import run_program
 from studies.experiment import all_cases, run_cases
 from studies.live_agreement import Agreement, LiveRun, agreement
 from studies.paper_document import agreement_block, fill, loop_blocks, tension_blocks
@@ -42,14 +43,7 @@ examples, as arguments of: make paper ARGS="..."
 def main(args: Sequence[str] | None = None) -> int:
     """Run the studies; returns the exit status."""
     options = _parse(args)
-    try:
-        return _run(options)
-    except KeyboardInterrupt:
-        print("paper: interrupted", file=sys.stderr)
-        return 130
-    except (ControlError, KinematicsError, MessagesError, OSError) as error:
-        print(f"paper: {error}", file=sys.stderr)
-        return 1
+    return run_program("paper", lambda: _run(options), (ControlError, KinematicsError, MessagesError))
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -68,8 +62,8 @@ def _run(options: argparse.Namespace) -> int:
 
     agrees = True
     if options.only != "tensions":
-        loops = _closed_loops(robot)
-        write_loop_tables(loops, output)
+        loops = _closed_loops()
+        write_loop_tables(loops, robot, output)
         draw_loop_figures(loops, output)
         document = fill(document, loop_blocks(loops))
         if options.live != "none":
@@ -91,10 +85,10 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if agrees else 1
 
 
-def _closed_loops(robot: Robot) -> LoopResults:
+def _closed_loops() -> LoopResults:
     cases = all_cases()
     began = monotonic()
-    records = {}
+    records: LoopResults = {}
     for case, record in run_cases(cases, ROOT / "config"):
         records[case] = record
         print(
@@ -102,10 +96,9 @@ def _closed_loops(robot: Robot) -> LoopResults:
             f"{record.simulated / record.elapsed:4.1f} x real time",
             flush=True,
         )
-    results = LoopResults.of(records, robot, monotonic() - began)
     simulated = sum(record.simulated for record in records.values())
-    print(f"figures 11 and 12: {simulated:.0f} s of robot time in {results.elapsed:.0f} s", flush=True)
-    return results
+    print(f"figures 11 and 12: {simulated:.0f} s of robot time in {monotonic() - began:.0f} s", flush=True)
+    return records
 
 
 def _compare_live(live: str | None, speed: str, output: Path) -> Agreement:
@@ -137,30 +130,25 @@ def _run_demo(runs: Path, speed: str) -> Path:
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="paper",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "paper", None, DESCRIPTION, EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", choices=["tensions"], help="what needs no plant: figures 7 to 10")
-    parser.add_argument(
-        "--live",
-        metavar="RUN",
+    add = parser.add_argument
+    add("--only", choices=["tensions"], help="what needs no plant: figures 7 to 10")
+    add(
+        "--live", metavar="RUN",
         help="directory of a run of the demo, or none; default: a new run, half a minute",
-    )
-    parser.add_argument(
-        "--speed",
-        default="1",
-        metavar="FACTOR",
+    )  # fmt: skip
+    add(
+        "--speed", default="1", metavar="FACTOR",
         help="pace of the simulated machine in a new live run, 0.1 to 1; default: %(default)s",
-    )
-    parser.add_argument(
+    )  # fmt: skip
+    add(
         "--output",
         default="runs/paper",
         metavar="DIR",
         help="default: %(default)s; what is there is replaced",
     )
-    parser.add_argument("--update", action="store_true", help="also replace the tables and figures in docs/")
+    add("--update", action="store_true", help="also replace the tables and figures in docs/")
     return parser.parse_args(arguments)
 
 

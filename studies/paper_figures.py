@@ -44,15 +44,13 @@ def draw_loop_figures(results: LoopResults, directory: Path) -> None:
         for trajectory in TRAJECTORIES:
             suffix = "" if trajectory is TrajectoryName.PAPER_19 else "_smooth"
             errors = {
-                name: {
-                    load: np.array(results.outcomes[Case(name, trajectory, load)].rms_deg) for load in LOADS
-                }
+                name: {load: results[Case(name, trajectory, load)].rms_deg for load in LOADS}
                 for name in COMPARED
             }
             _save(motor_error_figure(errors), directory, 11, suffix)
             traces = {}
             for load in LOADS:
-                records = {name: results.records[Case(name, trajectory, load)] for name in COMPARED}
+                records = {name: results[Case(name, trajectory, load)] for name in COMPARED}
                 traces[f"{load:g} kg"] = {
                     name: (record.time, np.degrees(record.position_error[:, SHOWN_MOTOR - 1]))
                     for name, record in records.items()

@@ -11,10 +11,9 @@ import numpy as np
 
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.closed_loop.record import LoopRecord
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_18, paper_19, paper_19_tilt
 from cspr_kinematics import Robot
-from studies.experiment import Case, Outcome, outcome
+from studies.experiment import Case, rms, saturated, tension_rms
 from studies.tension_deviation import (
     ADDED_AT,
     SAMPLE_TIME,
@@ -55,31 +54,15 @@ class TensionResults:
         }
 
     @property
-    def payload_change(self) -> tuple[ErrorStatistics, ErrorStatistics]:
-        """Statistics of the third simulation before and after the load is added."""
-        return (
-            ErrorStatistics.of(self.third.between(0.0, ADDED_AT).deviation),
-            ErrorStatistics.of(self.third.between(ADDED_AT, np.inf).deviation),
-        )
+    def payload_change(self) -> dict[str, ErrorStatistics]:
+        """Statistics of the third simulation before and after the load is added, and by how much they differ."""
+        before = ErrorStatistics.of(self.third.between(0.0, ADDED_AT).deviation)
+        after = ErrorStatistics.of(self.third.between(ADDED_AT, np.inf).deviation)
+        return {"before": before, "after": after, "delta": before - after}
 
 
-@dataclass(frozen=True)
-class LoopResults:
-    """The runs of figures 11 and 12."""
-
-    records: dict[Case, LoopRecord]
-    outcomes: dict[Case, Outcome]
-    elapsed: float  # s, of all together
-
-    @staticmethod
-    def of(records: dict[Case, LoopRecord], robot: Robot, elapsed: float) -> LoopResults:
-        """Judge the records."""
-        outcomes = {case: outcome(record, robot.motor.torque_limit) for case, record in records.items()}
-        return LoopResults(records, outcomes, elapsed)
-
-    def rms(self, controller: str, trajectory: TrajectoryName, load: float, added: float = 0.0) -> float:
-        """Mean over the motors of the RMS position error of a case, degrees."""
-        return self.outcomes[Case(controller, trajectory, load, added)].mean_rms_deg
+LoopResults = dict[Case, LoopRecord]
+"""The runs of figures 11 and 12."""
 
 
 def write_tension_tables(results: TensionResults, robot: Robot, directory: Path) -> None:
@@ -104,40 +87,34 @@ def write_tension_tables(results: TensionResults, robot: Robot, directory: Path)
     ]
     names = [f"{what}_{k}_N" for what in ("dynamic", "deviation") for k in cables]
     _write(directory / "figure_08.csv", ["simulation", "time_s", "payload_kg", *names], rows)
-    rows = [
-        [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
-        for name, one in results.accelerating.items()
-        for k in cables
-    ]
-    _write(directory / "figure_09.csv", ["simulation", "cable", "max_N", "median_N", "rms_N"], rows)
-    before, after = results.payload_change
-    rows = [
-        [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
-        for name, one in (("before", before), ("after", after), ("delta", before - after))
-        for k in cables
-    ]
-    _write(directory / "figure_10.csv", ["interval", "cable", "max_N", "median_N", "rms_N"], rows)
+    for number, kind, statistics in (
+        ("09", "simulation", results.accelerating),
+        ("10", "interval", results.payload_change),
+    ):
+        rows = [
+            [name, k, one.maximum[k - 1], one.median[k - 1], one.rms[k - 1]]
+            for name, one in statistics.items()
+            for k in cables
+        ]
+        _write(directory / f"figure_{number}.csv", [kind, "cable", "max_N", "median_N", "rms_N"], rows)
 
 
-def write_loop_tables(results: LoopResults, directory: Path) -> None:
+def write_loop_tables(results: LoopResults, robot: Robot, directory: Path) -> None:
     """Write the numbers of figures 11 and 12 as CSV, and the mass estimates over time."""
-    m = len(next(iter(results.outcomes.values())).rms_deg)
-    names = [
-        f"{what}_{k}"
-        for what in ("rms_deg", "max_deg", "rms_rad_s", "tension_rms_N")
-        for k in range(1, m + 1)
-    ]
+    motors = range(1, robot.number_of_cables + 1)
+    names = [f"{what}_{k}" for what in ("rms_deg", "max_deg", "rms_rad_s", "tension_rms_N") for k in motors]
     rows = []
-    for case, one in results.outcomes.items():
-        numbers = (*one.rms_deg, *one.max_deg, *one.rms_speed, *one.tension_rms)
-        judged = (one.mean_rms_deg, one.saturated, one.mass_error, one.settling_time)
+    for case, one in results.items():
+        errors, limit = one.errors, robot.motor.torque_limit
+        numbers = (*errors.rms, *errors.maximum, *rms(one.velocity_error), *tension_rms(one))
+        judged = (float(errors.rms.mean()), saturated(one, limit), one.mass_error, one.settling_time)
         rows.append([case.controller, case.trajectory.value, case.load, case.added, *numbers, *judged])
     head = ["controller", "trajectory", "load_kg", "added_kg"]
     judged_names = ["mean_rms_deg", "saturated_share", "mass_error_kg", "settling_time_s"]
     _write(directory / "figure_11.csv", [*head, *names, *judged_names], rows)
     rows = [
         [case.controller, case.trajectory.value, case.load, case.added, time, error, estimate, true]
-        for case, record in results.records.items()
+        for case, record in results.items()
         for time, error, estimate, true in zip(
             record.time,
             np.degrees(record.position_error[:, SHOWN_MOTOR - 1]),

@@ -6,7 +6,7 @@ No plant: the feed-forward of the nodes answers the reference, once with each mo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,14 +45,8 @@ class TensionStudy:
     def between(self, start: float, end: float) -> TensionStudy:
         """Return the samples from ``start`` up to, and not including, ``end``, s."""
         inside = (self.time >= start - 1e-9) & (self.time < end - 1e-9)
-        return TensionStudy(
-            self.name,
-            self.time[inside],
-            self.payload[inside],
-            self.dynamic[inside],
-            self.static[inside],
-            self.feasible,
-        )
+        columns = {name: getattr(self, name)[inside] for name in ("time", "payload", "dynamic", "static")}
+        return replace(self, **columns)
 
 
 def along(

@@ -13,7 +13,6 @@ import rclpy
 from std_srvs.srv import Trigger
 
 from cspr_control.closed_loop.loop import SERVICE_TIME, ClosedLoop
-from cspr_control.closed_loop.machine import Answer
 from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_control.nodes import component_node
 from cspr_control.nodes.component_node import Wiring
@@ -25,6 +24,7 @@ from cspr_control.nodes.pose_estimator import PoseEstimatorNode
 from cspr_control.nodes.supervisor import SupervisorNode
 from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_control.parameters.control_settings import control_settings
+from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
@@ -184,7 +184,7 @@ class DrivenLoop:
             plant=SimpleNamespace(payload=Payload.none()),
             begin=lambda: None,
             command=lambda *command: None,
-            call=lambda service: Answer(True, ""),
+            call=lambda service: Decision(True, ""),
         )
         self._loop = ClosedLoop(ROBOT, control_settings(ROBOT, parameters), machine, latency=0.0005)
         self.published = []
@@ -226,7 +226,7 @@ def play(driver):
     for time, topic, data in script(driver.time.system_ns()):
         act = partial(driver.order, topic) if data is None else partial(driver.receive, topic, data)
         driver.time.at(begin + time, act)
-    driver.time.run_until(begin + 0.004 * CYCLES)
+    driver.time.wait(begin + 0.004 * CYCLES - driver.time.monotonic())
     driver.close()
     return driver.published
 

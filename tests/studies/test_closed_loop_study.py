@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.experiment import CONTROLLERS, Case, all_cases, outcome
+from studies.experiment import CONTROLLERS, Case, all_cases, saturated, tension_rms
 from studies.live_agreement import Agreement, LiveRun
 
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
+from cspr_control.parameters.experiment import AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Robot
@@ -38,9 +38,8 @@ def test_a_case_gives_what_the_document_says():
     assert record.time[-1] == pytest.approx(12.0, abs=0.01)
     assert record.mass_estimate[-1] == pytest.approx(200.0, abs=2.0)
     # eight cables carry the load; what the feed-forward asked for is near
-    judged = outcome(record, Robot.from_yaml(ROOT / "config" / "robot.yaml").motor.torque_limit)
-    assert np.mean(judged.tension_rms) < 10.0
-    assert judged.saturated == 0.0
+    assert np.mean(tension_rms(record)) < 10.0
+    assert saturated(record, Robot.from_yaml(ROOT / "config" / "robot.yaml").motor.torque_limit) == 0.0
     assert record.simulated > 14.0
 
 

@@ -24,8 +24,8 @@ def computed_once(monkeypatch, tensions):
 def without_closed_loops(monkeypatch):
     """Leave out the closed loops, which take minutes, and all figures; what comes after them stays."""
     monkeypatch.setattr(paper, "draw_tension_figures", lambda tensions, robot, output: None)
-    monkeypatch.setattr(paper, "_closed_loops", lambda robot: None)
-    monkeypatch.setattr(paper, "write_loop_tables", lambda loops, output: None)
+    monkeypatch.setattr(paper, "_closed_loops", lambda: None)
+    monkeypatch.setattr(paper, "write_loop_tables", lambda loops, robot, output: None)
     monkeypatch.setattr(paper, "draw_loop_figures", lambda loops, output: None)
     monkeypatch.setattr(paper, "loop_blocks", lambda loops: {})
 

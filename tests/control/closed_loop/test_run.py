@@ -13,8 +13,8 @@ from cspr_control.analysis.recording import read_recording
 from cspr_control.analysis.run_analysis import analyse_recording
 from cspr_control.closed_loop.run import closed_loop, run
 from cspr_control.closed_loop.scenario import PlannedFault, Scenario
-from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
+from cspr_control.parameters.experiment import AddedPayload
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import PAYLOAD

@@ -13,14 +13,22 @@ import yaml
 from rclpy.context import Context
 from rclpy.node import Node
 
-from cspr_control.demo.scenario import AddedPayload, DemoError, Scenario, ros_parameter
+from cspr_control.demo.scenario import DemoError, Scenario, ros_parameter
+from cspr_control.parameters.experiment import AddedPayload
+from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import TABLE
 from cspr_msgs_py.vocabulary import Controller
 
 CONFIG = Path(__file__).parents[3] / "config"
 SCENARIO = Scenario(
-    Controller.STATIC, False, "smooth-18", 30.0, AddedPayload(10.0, 2.0), realtime=True, speed=1.0
+    Controller.STATIC,
+    False,
+    TrajectoryName.SMOOTH_18,
+    30.0,
+    (AddedPayload(10.0, 2.0),),
+    realtime=True,
+    speed=1.0,
 )
 
 

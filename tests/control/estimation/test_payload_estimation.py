@@ -61,7 +61,9 @@ def test_measurement_is_exact_at_rest(robot, angles):
     assert measurement.mass == pytest.approx(120.0)
     assert measurement.total_mass == pytest.approx(273.0)
     np.testing.assert_allclose(measurement.moment / measurement.mass, [0.03, -0.04], atol=1e-9)
-    np.testing.assert_allclose(measurement.total_center, np.array([3.6, -4.8]) / 273.0, atol=1e-9)
+    np.testing.assert_allclose(
+        measurement.total_moment / measurement.total_mass, np.array([3.6, -4.8]) / 273.0, atol=1e-9
+    )
 
 
 def test_level_measurement_is_that_of_the_paper(robot):
@@ -70,7 +72,7 @@ def test_level_measurement_is_that_of_the_paper(robot):
     mass = measurement.wrench[2] / 9.81
     assert measurement.total_mass == pytest.approx(mass)
     np.testing.assert_allclose(
-        measurement.total_center,
+        measurement.total_moment / measurement.total_mass,
         [-measurement.wrench[4] / (mass * 9.81), measurement.wrench[3] / (mass * 9.81)],
     )
 

@@ -10,6 +10,7 @@ from typing import Any
 from cspr_control.errors import ControlError
 from cspr_kinematics import ConfigurationFileError, KinematicsError, Robot
 from cspr_kinematics.configuration.yaml_file import parse_yaml
+from cspr_msgs_py.json_file import plain
 
 ROBOT_FILE = "robot.yaml"
 _CONTROL_FILE = "control.yaml"
@@ -149,7 +150,7 @@ def require_one_robot(configurations: Mapping[str, Configuration]) -> tuple[str,
     (first_name, first), *others = configurations.items()
     remarks = []
     for name, other in others:
-        found = _robot_differences(first.robot, other.robot)
+        found = differences(_robot_values(first.robot), _robot_values(other.robot))
         if any(key.split(".")[0].split("[")[0] in _SAME_MACHINE for key in found):
             raise ControlError(
                 f"{first_name} and {name} are runs of two different robots and cannot be compared: "
@@ -162,32 +163,10 @@ def require_one_robot(configurations: Mapping[str, Configuration]) -> tuple[str,
     return tuple(remarks)
 
 
-def _robot_differences(first: Robot, second: Robot) -> dict[str, tuple[Any, Any]]:
-    return differences(_robot_values(first), _robot_values(second))
-
-
 def _robot_values(robot: Robot) -> dict[str, Any]:
-    return {
-        "name": robot.name,
-        "exit_points": robot.exit_points.tolist(),
-        "anchor_points": robot.anchor_points.tolist(),
-        "pulleys": {
-            "radius": robot.pulleys.radius.tolist(),
-            "swivel_axis": robot.pulleys.swivel_axis.tolist(),
-        },
-        "frame_size": robot.frame_size.tolist(),
-        "platform_size": robot.platform_size.tolist(),
-        "winch": {"drum_radius": robot.winch.drum_radius, "gear_ratio": robot.winch.gear_ratio},
-        "home": {"position": robot.home.position.tolist(), "euler": robot.home.euler.tolist()},
-        "platform": {
-            "mass": robot.platform.mass,
-            "center_of_mass": robot.platform.center_of_mass.tolist(),
-            "inertia": robot.platform.inertia.tolist(),
-        },
-        "motor": dict(vars(robot.motor)),
-        "tension_min": robot.tension_min,
-        "tension_max": robot.tension_max,
-    }
+    values: dict[str, Any] = plain(robot)
+    del values["winch"]["home_lengths"]  # they follow from the others
+    return values | {"home": {"position": plain(robot.home.position), "euler": plain(robot.home.euler)}}
 
 
 def differences(first: Any, second: Any, path: str = "") -> dict[str, tuple[Any, Any]]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.configuration import Configuration, read_configuration
-from cspr_control.analysis.timeline import Timeline, TrajectoryRun, read_timeline
+from cspr_control.analysis.timeline import Span, Timeline, read_timeline
 from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
 from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates, Poses, References
@@ -95,7 +95,7 @@ class Recording:
         return self.configuration.robot
 
     @property
-    def trajectories(self) -> tuple[TrajectoryRun, ...]:
+    def trajectories(self) -> tuple[Span, ...]:
         """The trajectories that were followed."""
         return self.timeline.trajectories
 

@@ -28,7 +28,7 @@ from cspr_control.analysis.numbers.tables import motor_rows, row_texts, summary_
 from cspr_control.analysis.page.decimation import envelope
 from cspr_control.analysis.page.packing import Packer
 from cspr_control.analysis.run_analysis import RunAnalysis
-from cspr_control.analysis.timeline import Event, EventKind
+from cspr_control.analysis.timeline import Event, EventKind, Span
 from cspr_control.markers.tension_colours import TENSION_COLOURS
 
 Floats = NDArray[np.float64]
@@ -115,19 +115,16 @@ def _run(run: RunAnalysis, index: int, packer: Packer, limit: int) -> dict[str, 
     def seconds(time_ns: int) -> float:
         return (time_ns - recording.origin_ns) * 1e-9
 
+    def spans(found: Sequence[Span]) -> list[dict[str, Any]]:
+        return [{"start": seconds(s.start_ns), "end": seconds(s.end_ns), "name": s.name} for s in found]
+
     return {
         "title": controller_title(run.name),
         "color": controller_colour(run.name, index),
         "dashed": run.name in DASHED_CONTROLLERS,
         "remarks": run.remarks,
-        "states": [
-            {"start": seconds(span.start_ns), "end": seconds(span.end_ns), "name": span.name}
-            for span in timeline.states
-        ],
-        "trajectories": [
-            {"start": seconds(one.start_ns), "end": seconds(one.end_ns), "name": one.name}
-            for one in timeline.trajectories
-        ],
+        "states": spans(timeline.states),
+        "trajectories": spans(timeline.trajectories),
         "events": [
             {"time": seconds(event.time_ns), "kind": event.kind.value, "text": event.text}
             for event in sorted((*timeline.events, *_payload_events(run)), key=lambda event: event.time_ns)

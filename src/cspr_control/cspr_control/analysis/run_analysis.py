@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -150,16 +150,8 @@ def analyse_bags(
     remarks = require_one_robot(
         {f"{r.path}": r.configuration for r in recordings} if len(recordings) > 1 else {}
     )
-    return tuple(
-        _with_remarks(analyse_recording(recording, name), remarks if index == 0 else ())
-        for index, (recording, name) in enumerate(zip(recordings, names, strict=True))
-    )
-
-
-def _with_remarks(run: RunAnalysis, remarks: tuple[str, ...]) -> RunAnalysis:
-    return RunAnalysis(
-        run.name, run.recording, run.errors, run.predicted, run.metrics, (*run.remarks, *remarks)
-    )
+    first, *others = map(analyse_recording, recordings, names)
+    return replace(first, remarks=(*first.remarks, *remarks)), *others
 
 
 def _names(recordings: Sequence[Recording]) -> list[str]:

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_msgs_py.bag.reader import Bag
-from cspr_msgs_py.topics import DIAGNOSTICS, DRIVE_STATES, EVENTS, ROBOT_STATE, TRAJECTORY_STATE
+from cspr_msgs_py.topics import (
+    DIAGNOSTIC_ARRAY,
+    DIAGNOSTICS,
+    DRIVE_STATES,
+    EVENTS,
+    ROBOT_STATE,
+    TRAJECTORY_STATE,
+    Topic,
+)
 from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, RobotState, TrajectoryPhase
 
 LOG = "/rosout"
@@ -49,20 +57,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time in which the robot was in one state, ROS time in ns."""
+    """A stretch of time in which the robot was in one state or on one trajectory, by its name; ROS time in ns."""
 
     start_ns: int
     end_ns: int
     name: str
-
-
-@dataclass(frozen=True)
-class TrajectoryRun:
-    """One trajectory that was followed: from its start to its end, or to where it was aborted; ns."""
-
-    name: str
-    start_ns: int
-    end_ns: int
 
 
 @dataclass(frozen=True)
@@ -73,8 +72,8 @@ class Timeline:
     ----------
     states : tuple of Span
         Of the supervisor, without gaps from the first one known.
-    trajectories : tuple of TrajectoryRun
-        Those that were started.
+    trajectories : tuple of Span
+        Those that were started, each to its end or to where it was aborted.
     events : tuple of Event
         In the order of time.
     diagnostics : dict of str to tuple
@@ -82,7 +81,7 @@ class Timeline:
     """
 
     states: tuple[Span, ...]
-    trajectories: tuple[TrajectoryRun, ...]
+    trajectories: tuple[Span, ...]
     events: tuple[Event, ...]
     diagnostics: dict[str, tuple[tuple[int, Status], ...]]
 
@@ -111,16 +110,20 @@ def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
         return list(zip(clock(found.log_time_ns).tolist(), found.messages, strict=True))
 
     counts = bag.counts
-    robot = [(t, _status(message)) for t, message in read(ROBOT_STATE.name)]
-    trajectory = [(t, _status(message)) for t, message in read(TRAJECTORY_STATE.name)]
+
+    def statuses(topic: Topic) -> list[tuple[int, Status]]:
+        messages = read(topic.name)
+        if topic.type == DIAGNOSTIC_ARRAY:
+            messages = [(t, status) for t, array in messages for status in array.status]
+        return [(t, _status(message)) for t, message in messages]
+
+    robot, trajectory = statuses(ROBOT_STATE), statuses(TRAJECTORY_STATE)
     diagnostics: dict[str, list[tuple[int, Status]]] = {}
-    for t, array in read(DIAGNOSTICS.name):
-        for status in map(_status, array.status):
-            diagnostics.setdefault(status.name.rsplit("/", 1)[-1], []).append((t, status))
-    drives = [(t, _status(status)) for t, array in read(DRIVE_STATES.name) for status in array.status]
+    for t, status in statuses(DIAGNOSTICS):
+        diagnostics.setdefault(status.name.rsplit("/", 1)[-1], []).append((t, status))
     events = [
         *_state_events(robot),
-        *_drive_events(drives),
+        *_drive_events(statuses(DRIVE_STATES)),
         *_trajectory_events(trajectory),
         *(Event(t, EventKind.MARK, message.data) for t, message in read(EVENTS.name)),
         *_log_events(read(LOG)),
@@ -148,8 +151,8 @@ def _spans(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[Span, .
     return tuple(spans)
 
 
-def _trajectories(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[TrajectoryRun, ...]:
-    runs: list[TrajectoryRun] = []
+def _trajectories(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[Span, ...]:
+    runs: list[Span] = []
     for index, (_, status) in enumerate(statuses):
         start, end = (int(status.values.get(key, "0") or 0) for key in ("start_time", "end_time"))
         if status.message not in UNDER_WAY or start == 0 or (runs and runs[-1].start_ns == start):
@@ -159,7 +162,7 @@ def _trajectories(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[
             end = min(end, left[0])
         end = min(end, end_ns)
         if end > start:  # not one that was aborted on the way to its start
-            runs.append(TrajectoryRun(status.values.get("trajectory", ""), start, end))
+            runs.append(Span(start, end, status.values.get("trajectory", "")))
     return tuple(runs)
 
 

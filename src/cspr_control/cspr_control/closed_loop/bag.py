@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,11 +13,11 @@ from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.bag.sample_bag import SampleBag
-from cspr_msgs_py.topics import Topic
 
 
-class LoopBag:
-    """Writes what is published in a closed loop; a context manager, at whose end the bag is complete.
+@contextmanager
+def recorded(directory: Path, scenario: Scenario, loop: ClosedLoop[Any]) -> Iterator[None]:
+    """Write what is published in a closed loop; the bag is complete at the end of the block.
 
     The bag bears simulated time, and the same run gives the same bytes.
 
@@ -33,25 +35,13 @@ class LoopBag:
     BagError
         If the bag exists already or cannot be written.
     """
-
-    def __init__(self, directory: Path, scenario: Scenario, loop: ClosedLoop[Any]) -> None:
-        self._time = loop.time
-        start = loop.time.system_ns()
-        started = datetime.fromtimestamp(start * 1e-9, UTC)
-        bag = BagFile(
-            directory,
-            recording_information(started, 1.0 / loop.settings.period) | {"simulated": scenario.label},
-            scenario.attachments(),
-            start_ns=start,
-        )
-        self._bag = SampleBag(bag, loop.robot.number_of_cables)
-        loop.listeners.append(self._write)
-
-    def __enter__(self) -> LoopBag:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._bag.close()
-
-    def _write(self, topic: Topic, sample: Any) -> None:
-        self._bag.write(topic, self._time.system_ns(), sample)
+    time, start = loop.time, loop.time.system_ns()
+    started = datetime.fromtimestamp(start * 1e-9, UTC)
+    information = recording_information(started, 1.0 / loop.settings.period) | {"simulated": scenario.label}
+    file = BagFile(directory, information, scenario.attachments(), start_ns=start)
+    bag = SampleBag(file, loop.robot.number_of_cables)
+    loop.listeners.append(lambda topic, sample: bag.write(topic, time.system_ns(), sample))
+    try:
+        yield
+    finally:
+        bag.close()

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cspr_control.closed_loop.machine import Answer, Publish
+from cspr_control.closed_loop.machine import Publish
 from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_control.supervision.supervisor import Decision
 from cspr_drivers.simulation.plant.plant import Plant
 from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
@@ -57,7 +58,7 @@ class BarePlant:
             for index, _, torque in commands:
                 self.plant.set_torque(index, torque)
 
-    def call(self, service: str) -> Answer:
+    def call(self, service: str) -> Decision:
         """Open the brakes, or close them; as the cables pull now, so do the motors until they are told otherwise."""
         self._advance()
         if service == "/can_drives/enable":
@@ -69,7 +70,7 @@ class BarePlant:
             self.plant.set_torque(index, held[index] if self._enabled else 0.0)
             self.plant.set_brake(index, closed=not self._enabled)
         self.time.at(self.time.monotonic(), self._publish_states)
-        return Answer(True, "accepted")
+        return Decision(True, "accepted")
 
     def change_payload(self, payload: Payload, stamp_ns: int) -> None:
         """Let the platform carry another payload from a moment on, ns of ROS time."""

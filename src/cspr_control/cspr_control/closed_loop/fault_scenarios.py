@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -140,6 +141,8 @@ def _wind_back(loop: RobotLoop) -> None:
     plant.set_torque(_PLACE, 0.0)
 
 
+_drum_turns = partial(FaultScenario, end=_wind_back, harms_tension=True, rest=2.0)
+
 SCENARIOS = (
     FaultScenario("command stale", _stale_command, "older than the command timeout"),
     FaultScenario("command not finite", _answer(lambda torque: math.nan), "not finite", _heal_controllers),
@@ -172,45 +175,15 @@ SCENARIOS = (
     FaultScenario("drive in fault", _inject(InjectedFault.DRIVE_FAULT), "motor_3"),
     FaultScenario("drive in the wrong mode", _inject(InjectedFault.DRIVE_WRONG_MODE), "motor_3"),
     FaultScenario("drive reports EMCY", _inject(InjectedFault.DRIVE_EMERGENCY), "motor_3"),
-    FaultScenario(
-        "drive runs away",
-        _inject(InjectedFault.DRIVE_RUNAWAY),
-        "motor_3 applies",
-        _wind_back,
-        harms_tension=True,
-        rest=2.0,
-    ),
-    FaultScenario(
-        "winch blocked",
-        _inject(InjectedFault.WINCH_BLOCKED),
-        "motor_3",
-        _wind_back,
-        towards=-1.0,
-        held=False,
-        harms_tension=True,
-        rest=2.0,
-    ),
-    FaultScenario(
-        "controller without torque",
-        _answer(lambda torque: 0.0),
-        "motor_3",
-        _wind_back,
-        harms_tension=True,
-        rest=2.0,
-    ),
+    _drum_turns("drive runs away", _inject(InjectedFault.DRIVE_RUNAWAY), "motor_3 applies"),
+    _drum_turns("winch blocked", _inject(InjectedFault.WINCH_BLOCKED), "motor_3", towards=-1.0, held=False),
+    _drum_turns("controller without torque", _answer(lambda torque: 0.0), "motor_3"),
     FaultScenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "cable_3"),
     FaultScenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "cable_3"),
     FaultScenario("load cell stuck", _inject(InjectedFault.LOAD_CELL_STUCK), "cable_3", lasts=4.0),
     FaultScenario("load cell drifts", _inject(InjectedFault.LOAD_CELL_DRIFTING), "cable_3", lasts=8.0),
     FaultScenario("slack cable", _inject(InjectedFault.CABLE_SLACK), "cable", harms_tension=True, rest=2.0),
-    FaultScenario(
-        "drive pulls",
-        _inject(InjectedFault.DRIVE_PULLING),
-        "motor_3 applies",
-        _wind_back,
-        harms_tension=True,
-        rest=2.0,
-    ),
+    _drum_turns("drive pulls", _inject(InjectedFault.DRIVE_PULLING), "motor_3 applies"),
     FaultScenario(
         "overloaded cable",
         _lift_what_is_caught,

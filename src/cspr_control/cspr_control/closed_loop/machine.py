@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_control.supervision.supervisor import Decision
 from cspr_drivers.simulation.plant.plant import Plant
 from cspr_kinematics import Payload
 from cspr_msgs_py.topics import Topic
 
 Publish = Callable[[Topic, Any], None]
-
-
-class Answer(NamedTuple):
-    """Answer to a call of a service: whether it is accepted, and why or why not."""
-
-    accepted: bool
-    message: str
 
 
 class Machine(Protocol):
@@ -45,7 +39,7 @@ class Machine(Protocol):
         """Take commands: a motor from 0, the stamp of the motor states that it answers, ns, and a torque, N m."""
         ...
 
-    def call(self, service: str) -> Answer:
+    def call(self, service: str) -> Decision:
         """Answer a service of the driver."""
         ...
 

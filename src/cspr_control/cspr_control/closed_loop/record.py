@@ -8,7 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.analysis.numbers.cycles import CycleMetrics
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.mass import MassMetrics, MassTrace, mass_metrics
 from cspr_control.analysis.numbers.run_summary import RunSummary
+from cspr_control.analysis.recording import Window
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic
@@ -35,8 +39,6 @@ class LoopRecord:
         (n, m) commanded, N m; NaN where no command answered.
     mass_estimate, mass_true
         (n,) of the payload, kg.
-    mass_valid
-        (n,) whether the measurements could be used for the estimate.
     simulated, elapsed
         How long the whole run was, s, and how much of the processor's time it took, s.
     cause
@@ -51,42 +53,49 @@ class LoopRecord:
     asked_tensions: FloatArray
     torque: FloatArray
     mass_estimate: FloatArray
-    mass_valid: NDArray[np.bool_]
     mass_true: FloatArray
     simulated: float
     elapsed: float
     cause: str
 
     @property
-    def rms_deg(self) -> FloatArray:
-        """RMS position error of each motor (m,), degrees."""
-        return self.summary().position_error.rms
+    def errors(self) -> ErrorStatistics:
+        """Of the position of each motor (m,), degrees."""
+        return ErrorStatistics.of(np.degrees(self.position_error))
 
     @property
-    def max_deg(self) -> FloatArray:
-        """Largest position error of each motor (m,), degrees."""
-        return self.summary().position_error.maximum
+    def rms_deg(self) -> FloatArray:
+        """RMS position error of each motor (m,), degrees."""
+        return self.errors.rms
+
+    @property
+    def mass(self) -> MassMetrics:
+        """How good the estimate of the payload's mass was; times are s after the start."""
+        stamps = np.rint(self.time * 1e9).astype(np.int64)
+        mass = mass_metrics(MassTrace(stamps, self.mass_estimate), MassTrace(stamps, self.mass_true), 0)
+        assert mass is not None  # a record has samples
+        return mass
+
+    @property
+    def mass_error(self) -> float:
+        """Estimated less true mass at the end, kg."""
+        return float(self.mass_estimate[-1] - self.mass_true[-1])
 
     @property
     def settling_time(self) -> float:
         """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
-        settled = self.summary().mass.settling
+        settled = self.mass.settling
         return np.inf if settled is None else settled
 
     def summary(self, bag: str = "") -> RunSummary:
         """Return what summary.json says of a run, and where the run is recorded if it is."""
-        return RunSummary.of_samples(
-            self.time,
-            self.position_error,
-            self.mass_estimate,
-            self.mass_true,
-            controller=self.scenario.controller,
-            exact_mass=self.scenario.exact_mass,
-            trajectory=self.scenario.trajectory.value,
-            missed=int(np.isnan(self.torque).any(axis=1).sum()),
-            latency=self.scenario.reaction_time,
-            bag=bag,
-        )
+        window = Window("trajectory", float(self.time[0]), float(self.time[-1]))
+        missed = int(np.isnan(self.torque).any(axis=1).sum())
+        latencies = 3 * [self.scenario.reaction_time * 1e6]
+        cycle = CycleMetrics.of(np.diff(self.time), missed, window, len(self.time), missed, *latencies)
+        scenario = self.scenario
+        run = scenario.controller, scenario.exact_mass, scenario.trajectory.value
+        return RunSummary(*run, window, self.errors, self.mass, cycle, bag)
 
 
 class _Cycle(NamedTuple):
@@ -97,7 +106,6 @@ class _Cycle(NamedTuple):
     asked_tensions: FloatArray
     torque: FloatArray
     mass_estimate: float
-    mass_valid: bool
     mass_true: float
 
 
@@ -155,7 +163,6 @@ class LoopRecorder:
                 self._feedforward.newest.tensions,
                 np.full(states.position.shape, np.nan),
                 estimate.published.mass,
-                estimate.valid,
                 plant.payload.mass,
             )
         )

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cspr_control.closed_loop.machine import Answer, Publish
+from cspr_control.closed_loop.machine import Publish
 from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_control.supervision.supervisor import Decision
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
@@ -139,10 +140,10 @@ class SimulatedRobot:
             for command in commands:
                 self.drives.command(*command)
 
-    def call(self, service: str) -> Answer:
+    def call(self, service: str) -> Decision:
         """Answer a service of the driver."""
         if not self.driver_runs:
-            return Answer(False, "the driver does not answer")
+            return Decision(False, "the driver does not answer")
         drives = self.drives
         commands: dict[str, Callable[[], str | None]] = {
             "/can_drives/enable": drives.enable,
@@ -151,7 +152,7 @@ class SimulatedRobot:
             "/can_drives/fault_reset": drives.fault_reset,
         }
         refusal = commands[service]()
-        return Answer(refusal is None, refusal or "accepted")
+        return Decision(refusal is None, refusal or "accepted")
 
     def change_payload(self, payload: Payload, stamp_ns: int) -> None:
         """Let the platform carry another payload from a moment on, ns of ROS time."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cspr_control.closed_loop.bag import LoopBag
+from cspr_control.closed_loop.bag import recorded
 from cspr_control.closed_loop.bare_plant import BarePlant
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.machine import Machine
@@ -23,8 +23,9 @@ from cspr_control.parameters.control_settings import control_settings
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
-from cspr_kinematics import Payload, Pose
+from cspr_kinematics import Payload, Pose, Robot
 from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
 _MEASURING = 2.0  # s for the load to be measured before the trajectory begins
@@ -37,12 +38,13 @@ Progress = Callable[[str, float], None]
 
 def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
     """Make the closed loop of a scenario; it has not begun."""
-    robot = scenario.read_robot()
+    robot = Robot.from_yaml(scenario.config / scenario.robot)
     settings = control_settings(robot, scenario.read_parameters())
     time, simulation = SimulatedTime(), scenario.read_machine()
     machine: Machine
     if scenario.devices:
-        machine = SimulatedRobot(time, scenario.read_buses(), simulation, scenario.config / "eds")
+        buses = CanConfig.from_yaml(scenario.config / scenario.buses)
+        machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
         machine = BarePlant(time, simulation, settings.period)
     return ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)
@@ -76,7 +78,7 @@ def run(
         with ExitStack() as opened:
             opened.callback(loop.machine.close)
             if bag is not None:
-                opened.enter_context(LoopBag(bag, scenario, loop))
+                opened.enter_context(recorded(bag, scenario, loop))
             _operate(loop, scenario, progress)
     except DriverError as error:
         raise ClosedLoopError(str(error)) from error
@@ -134,10 +136,8 @@ def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:
         return trajectory
 
     loop.play(make)
-    mass = scenario.payload
-    for added in sorted(scenario.added, key=lambda added: added.time):
-        mass += added.mass
-        stamp = player.start_time + round(added.time * 1e9)
+    for time, mass in scenario.loads():
+        stamp = player.start_time + round(time * 1e9)
         loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
     for planned in scenario.faults:
         order = loop.machine.faults.read(planned.fault)

@@ -9,16 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cspr_control.demo.scenario import AddedPayload
 from cspr_control.errors import ControlError
-from cspr_control.reference.catalogue import TrajectoryName
-from cspr_drivers.config.can_config import CanConfig
+from cspr_control.parameters.experiment import Experiment
 from cspr_drivers.simulation.fault_injection import InjectedFault
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload, Pulleys, Robot
+from cspr_kinematics import Payload, Pulleys
 from cspr_msgs_py.bag.bag_file import Attachment
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.vocabulary import Controller, controller_label
 
 _LATENCY = 0.0005  # s from the motor states to the torques, in one process
 _LATENCY_WITH_BUS = 0.0015  # s, with what frames take on the bus before and after
@@ -36,17 +33,11 @@ class PlannedFault:
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Experiment):
     """One run: a trajectory, what controls it, what it carries, and what goes wrong.
 
     Attributes
     ----------
-    controller, exact_mass
-        The controller, and whether its feed-forward is told the true mass.
-    trajectory
-        What the platform follows.
-    payload, added
-        Mass aboard from the start, kg, and what comes on top of it.
     faults
         What goes wrong; only with devices.
     config
@@ -75,11 +66,6 @@ class Scenario:
         Seconds of the machine in a second of the computer on which the controllers run.
     """
 
-    controller: Controller = Controller.PDFF_MASS
-    exact_mass: bool = False
-    trajectory: TrajectoryName = TrajectoryName.PAPER_19
-    payload: float = 100.0
-    added: tuple[AddedPayload, ...] = (AddedPayload(100.0, 3.0),)
     faults: tuple[PlannedFault, ...] = ()
     config: Path = Path("config")
     devices: bool = True
@@ -100,26 +86,14 @@ class Scenario:
             raise ControlError("faults need devices that can have them: run the scenario with devices")
 
     @property
-    def label(self) -> str:
-        """The controller in words."""
-        return controller_label(self.controller.value, self.exact_mass)
-
-    @property
     def reaction_time(self) -> float:
         """From the motor states to the arrival of the torques at the driver, s."""
         return self.latency or (_LATENCY if self.devices else _LATENCY_WITH_BUS)
 
-    def read_robot(self) -> Robot:
-        """Read the robot as the controllers believe it to be."""
-        return Robot.from_yaml(self.config / self.robot)
-
     def read_parameters(self) -> ParameterFile:
         """Read control.yaml, with what is otherwise in this run."""
         parameters = ParameterFile.from_yaml(self.config / "control.yaml")
-        # the truth comes over the same path as the estimate would
-        source = "estimated" if self.exact_mass else self.controller.payload_source.value
-        parameters.change("feedforward", {"model": self.controller.model.value, "payload_source": source})
-        parameters.change("trajectory_publisher", {"trajectory": self.trajectory.value})
+        self.choose(parameters)
         for node, values in self.parameters.items():
             parameters.change(node, values)
         return parameters
@@ -137,10 +111,6 @@ class Scenario:
         return [
             replace(file, data=control) if Path(file.name).name == "control.yaml" else file for file in files
         ]
-
-    def read_buses(self) -> CanConfig:
-        """Read buses and devices."""
-        return CanConfig.from_yaml(self.config / self.buses)
 
     def read_machine(self) -> SimulationConfig:
         """Read simulation.yaml, with what is otherwise in this run."""

@@ -64,10 +64,6 @@ class SimulatedTime(Clock):
         """Deal with the events of a source as well."""
         self._sources.append(source)
 
-    def run_until(self, end: float) -> None:
-        """Let time pass up to a moment, s."""
-        self._run(end, lambda: False)
-
     def wait(self, duration: float) -> None:
         """Let a time, s, pass."""
         self._run(self._now + duration, lambda: False)

@@ -77,7 +77,7 @@ class SupervisionComponent(Component):
         super().__init__("supervisor", ROBOT_STATE)
         self.supervisor = Supervisor(count, limits)
         # The checks run less often than the bus; what arrives in between is replaced unread.
-        self._arrived: dict[Callable[[float, JointStateSample], None], tuple[float, JointStateSample]] = {}
+        self._arrived: dict[Topic, Callable[[], None]] = {}
         self._recorder_problem = ""
         self._published_state: tuple[str, ...] = ()
 
@@ -102,34 +102,27 @@ class SupervisionComponent(Component):
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was measured for the next check."""
-        self._arrived[self._observe_motors] = (now, sample)
+        observe = self.supervisor.checks.observe_motors
+        self._arrived[MOTOR_STATES] = partial(
+            observe, now, sample.stamp_ns, sample.position, sample.velocity, sample.effort
+        )
         return NOTHING
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was demanded for the next check."""
-        self._arrived[self._observe_setpoint] = (now, sample)
+        observe = self.supervisor.checks.observe_setpoint
+        self._arrived[SETPOINT] = partial(observe, now, sample.stamp_ns, sample.position, sample.velocity)
         return NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep the tensions for the next check."""
-        self._arrived[self._observe_tensions] = (now, sample)
+        self._arrived[CABLE_TENSIONS] = partial(self.supervisor.checks.observe_tensions, now, sample.effort)
         return NOTHING
-
-    def _observe_motors(self, now: float, sample: JointStateSample) -> None:
-        self.supervisor.checks.observe_motors(
-            now, sample.stamp_ns, sample.position, sample.velocity, sample.effort
-        )
-
-    def _observe_setpoint(self, now: float, sample: JointStateSample) -> None:
-        self.supervisor.checks.observe_setpoint(now, sample.stamp_ns, sample.position, sample.velocity)
-
-    def _observe_tensions(self, now: float, sample: JointStateSample) -> None:
-        self.supervisor.checks.observe_tensions(now, sample.effort)
 
     def _observe_arrived(self) -> None:
         arrived, self._arrived = self._arrived, {}
-        for observe, (arrival, sample) in arrived.items():
-            observe(arrival, sample)
+        for observe in arrived.values():
+            observe()
 
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
         """Take over where the platform is."""

@@ -13,17 +13,12 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from cspr_control.errors import ControlError
-from cspr_control.reference.catalogue import TrajectoryName
+from cspr_control.parameters.experiment import Experiment
 from cspr_kinematics import ConfigurationFileError
 from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.vocabulary import Controller, PayloadSource, controller_label
-
-TRAJECTORIES = [
-    name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
-]
 
 # A machine without real-time priority, shared with who knows what, may stand still for longer than a robot may be
 # left alone. Without a robot, and without --realtime, the demo therefore waits longer than the configuration says.
@@ -47,43 +42,19 @@ class DemoError(ControlError):
 
 
 @dataclass(frozen=True)
-class AddedPayload:
-    """A payload change: mass in kg, time in s after the start of the trajectory."""
-
-    mass: float
-    time: float
-
-
-@dataclass(frozen=True)
-class Scenario:
+class Scenario(Experiment):
     """What one run of the demo does.
 
     Attributes
     ----------
-    controller, exact_mass
-        What is compared, and whether the feed-forward is told the true mass.
-    trajectory
-        One of `TRAJECTORIES`.
-    payload, added
-        Mass aboard from the start, kg, and what comes on top of it.
     realtime
         Whether control and drivers run under SCHED_FIFO, with the watchdogs that the configuration has.
     speed
         Seconds of the simulated machine in a second of the computer.
     """
 
-    controller: Controller
-    exact_mass: bool
-    trajectory: str
-    payload: float
-    added: AddedPayload | None
-    realtime: bool
-    speed: float
-
-    @property
-    def title(self) -> str:
-        """The controller in words."""
-        return controller_label(self.controller, self.exact_mass)
+    realtime: bool = False
+    speed: float = 1.0
 
     def copy_configuration(self, source: Path, target: Path) -> None:
         """Copy a configuration directory and change what this run has otherwise.
@@ -111,10 +82,7 @@ class Scenario:
                 control.slow_down(self.speed)
         except ParameterError as error:
             raise DemoError(f"{control_file} is not as the demo needs it: {error}") from error
-        # the truth comes over the same path as the estimate would
-        payload = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
-        control.change("feedforward", {"model": str(self.controller.model), "payload_source": str(payload)})
-        control.change("trajectory_publisher", {"trajectory": self.trajectory})
+        self.choose(control)
         control_file.write_text(control.text(), encoding="utf-8")
 
     def control_arguments(self) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -35,32 +35,10 @@ class Invalidity(Enum):
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """Settings of `PayloadEstimator`.
+    """The parameters of `PayloadEstimator`, with meanings and units in `cspr_msgs_py.parameters.table`.
 
-    Attributes
-    ----------
-    time_constant
-        Of the low-pass filter, s.
-    mass_rate_limit
-        Fastest change of the published mass, kg/s.
-    center_rate_limit
-        Fastest change of each coordinate of the published centre of mass, m/s.
-    max_payload
-        Largest published mass, kg.
-    max_offset
-        Largest published coordinate of the centre of mass, m.
-    minimum_mass
-        Payload below which no centre of mass is published, kg: it would be a quotient of measurement errors.
-    payload_height
-        Assumed z of the payload's centre of mass in platform, m.
-    slack_tension
-        Tension below which a cable counts as slack, N.
-    max_speed, max_angular_speed
-        Platform motion above which the static balance is not believed, m/s and rad/s.
-    max_sideways_ratio
-        Largest horizontal force as a share of the vertical one.
-    tensions_timeout, pose_timeout
-        Ages from which the inputs count as stale, s.
+    Below ``minimum_mass`` the centre of mass would be a quotient of measurement errors; above ``max_speed`` and
+    ``max_angular_speed`` the static balance is not believed.
     """
 
     time_constant: float = _DEFAULT["time_constant"]
@@ -237,16 +215,7 @@ class PayloadEstimator:
         return tuple(cause for cause, present in checks.items() if present)
 
     def _hold(self, raw: PayloadMeasurement | None, invalidities: tuple[Invalidity, ...]) -> PayloadEstimate:
-        last = self._estimate
-        self._estimate = PayloadEstimate(
-            last.published,
-            raw,
-            last.filtered_mass,
-            last.filtered_center,
-            invalidities,
-            last.samples,
-            last.stamp,
-        )
+        self._estimate = replace(self._estimate, raw=raw, invalidities=invalidities)
         return self._estimate
 
     def _accept(self, raw: PayloadMeasurement, step: float) -> PayloadEstimate:

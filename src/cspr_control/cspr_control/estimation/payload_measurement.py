@@ -34,11 +34,6 @@ class PayloadMeasurement:
     mass: float
     moment: NDArray[np.float64]
 
-    @property
-    def total_center(self) -> NDArray[np.float64]:
-        """X and y of the common centre of mass in platform (2,), m."""
-        return self.total_moment / self.total_mass
-
 
 def measure_payload(
     robot: Robot, pose: Pose, tensions: NDArray[np.float64], payload_height: float = 0.0

@@ -32,23 +32,14 @@ _DEFAULT = defaults("feedforward")
 
 @dataclass(frozen=True)
 class FeedforwardSettings:
-    """What may change while the robot moves.
+    """What may change while the robot moves; meanings and units of the parameters: `cspr_msgs_py.parameters.table`.
 
     Attributes
     ----------
-    model, payload_source
-        See `FeedforwardModel` and `PayloadSource`.
     nominal_payload
         Payload assumed without an estimate.
-    max_payload
-        Largest mass that is believed, kg.
-    payload_timeout
-        Age from which an estimate counts as stale, s.
-    switch_slew
-        Fastest change of each motor's torque due to a switch of model, payload or tension method, N m/s.
     tension_method
-        How the wrench is distributed over the cables, see `cspr_kinematics.distribute_tensions`; one of
-        `cspr_kinematics.bounded_methods`.
+        See `cspr_kinematics.distribute_tensions`; one of `cspr_kinematics.bounded_methods`.
     """
 
     model: FeedforwardModel = field(default=FeedforwardModel(_DEFAULT["model"]))

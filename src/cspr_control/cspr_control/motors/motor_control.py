@@ -19,18 +19,7 @@ _NANOSECOND = 1e-9
 
 @dataclass(frozen=True)
 class MotorGains:
-    """Gains of the control law, the same for all motors.
-
-    Attributes
-    ----------
-    kp
-        Proportional gain, N m/rad.
-    kd
-        Derivative gain, N m s/rad.
-    friction_compensation
-        Share of the motor's friction that is compensated, 0 to 1.
-    friction_smoothing_speed
-        Desired motor speed at which the smoothed sign function reaches tanh(1) = 0.76, rad/s.
+    """Gains of the control law, the same for all motors; meanings and units: `cspr_msgs_py.parameters.table`.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from cspr_control.components.component import Call, Component, Outputs, Publication, Remark, Timer
 from cspr_control.graph import ControlGraph
-from cspr_control.nodes.parameters import ChangeableParameters, Settings, declare_robot
+from cspr_control.nodes.parameters import Settings, changeable_settings, declare_robot
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Robot
 from cspr_msgs_py.errors import MessageError
@@ -184,7 +184,7 @@ class ComponentNode(Node):
 
     def changeable(self, build: Callable[[dict[str, Any]], Settings]) -> Settings:
         """Return the settings that the declared parameters make; changed ones go to the component's ``configure``."""
-        return ChangeableParameters(self, build, lambda settings: self.component.configure(settings)).settings
+        return changeable_settings(self, build, lambda settings: self.component.configure(settings))
 
     def connect(self, component: Component) -> None:
         """Take up work with a component."""

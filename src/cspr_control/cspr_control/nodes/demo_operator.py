@@ -42,8 +42,8 @@ class DemoClient(Node):
             (topics.TRAJECTORY_STATE, self._on_trajectory_state),
             (topics.DRIVE_STATES, self._on_drive_states),
             (topics.DIAGNOSTICS, self._on_diagnostics),
-            (topics.PAYLOAD, self._on_payload),
-            (topics.SIMULATED_PAYLOAD, self._on_true_payload),
+            (topics.PAYLOAD, lambda sample: setattr(self, "estimated_mass", sample.mass)),
+            (topics.SIMULATED_PAYLOAD, lambda sample: setattr(self, "true_mass", sample.mass)),
         ):
             subscribe_samples(self, topic, callback)
         self._send_payload = sample_publisher(self, topics.SET_SIMULATED_PAYLOAD)
@@ -58,11 +58,6 @@ class DemoClient(Node):
         if self.robot_state != RobotState.DISABLED:
             parts.append(f"the supervisor is {self.robot_state or 'silent'} ({self.robot_message})")
         return "; ".join(parts)
-
-    @property
-    def ready(self) -> bool:
-        """Whether everything is there and the robot may be enabled."""
-        return not self.missing
 
     def explained(self, cause: str) -> str:
         """Why the robot stopped, and whether this computer had a part in it."""
@@ -112,12 +107,6 @@ class DemoClient(Node):
             self._seen.add(name)
             if name == "can_drives":
                 self.cycle_values = dict(status.values)
-
-    def _on_payload(self, sample: InertiaSample) -> None:
-        self.estimated_mass = sample.mass
-
-    def _on_true_payload(self, sample: InertiaSample) -> None:
-        self.true_mass = sample.mass
 
 
 @contextlib.contextmanager

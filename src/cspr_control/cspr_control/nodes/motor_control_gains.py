@@ -10,7 +10,7 @@ from rclpy.node import Node
 from cspr_control.motors.motor_control import MotorGains
 from cspr_control.nodes.component_node import Wiring
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.parameters import ChangeableParameters, declare_robot
+from cspr_control.nodes.parameters import changeable_settings, declare_robot
 from cspr_control.parameters.settings import motor_gains
 from cspr_msgs_py.runtime.parameters import declare_all
 
@@ -31,7 +31,7 @@ class MotorControlGains(Node):
         super().__init__("motor_control_gains", **options)
         robot = declare_robot(self)
         declare_all(self)
-        gains = ChangeableParameters(self, partial(motor_gains, robot), self._apply).settings
+        gains = changeable_settings(self, partial(motor_gains, robot), self._apply)
         wiring = wiring or Wiring()
         self.controllers = tuple(
             MotorControllerNode(motor, gains, wiring=wiring, robot=robot, **options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -29,8 +29,10 @@ def declare_robot(node: Node) -> Robot:
     return Robot.from_yaml(declare(node, ROBOT_CONFIG))
 
 
-class ChangeableParameters(Generic[Settings]):
-    """The parameters of a node as one validated object, which changes with those that may change while it runs.
+def changeable_settings(
+    node: Node, build: Callable[[dict[str, Any]], Settings], apply: Callable[[Settings], None]
+) -> Settings:
+    """Return the parameters of a node as one validated object, which changes with those that may change in operation.
 
     A change is refused as a whole, with the reason, when a value does not fit the table or ``build`` raises; else
     ``apply`` gets the new object before the next callback of the node.
@@ -44,44 +46,31 @@ class ChangeableParameters(Generic[Settings]):
     apply
         Takes the settings over; called for changes, not for the first values.
 
-    Attributes
-    ----------
-    settings
-        The settings in use.
-
     Raises
     ------
     ControlError, cspr_kinematics.KinematicsError
         What ``build`` raises for the first values.
     """
+    declared = node_parameters(node.get_name())
+    rows = {name: row for name, row in declared.items() if node.has_parameter(name)}
 
-    def __init__(
-        self, node: Node, build: Callable[[dict[str, Any]], Settings], apply: Callable[[Settings], None]
-    ) -> None:
-        self._node = node
-        rows = node_parameters(node.get_name())
-        self._rows = {name: row for name, row in rows.items() if node.has_parameter(name)}
-        self._build = build
-        self._apply = apply
-        self.settings = build(self._values())
-        node.add_on_set_parameters_callback(self._check)
-        node.add_post_set_parameters_callback(self._take_over)
+    def values() -> dict[str, Any]:
+        return {name: node.get_parameter(name).value for name in rows}
 
-    def _values(self) -> dict[str, Any]:
-        return {name: self._node.get_parameter(name).value for name in self._rows}
-
-    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+    def check(parameters: list[Parameter]) -> SetParametersResult:
         try:
-            changes = {
-                p.name: self._rows[p.name].checked(p.value) for p in parameters if p.name in self._rows
-            }
+            changes = {p.name: rows[p.name].checked(p.value) for p in parameters if p.name in rows}
             if changes:
-                self._build(self._values() | changes)
+                build(values() | changes)
         except (ControlError, KinematicsError, ParameterError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _take_over(self, parameters: list[Parameter]) -> None:
-        if any(p.name in self._rows for p in parameters):
-            self.settings = self._build(self._values())
-            self._apply(self.settings)
+    def take_over(parameters: list[Parameter]) -> None:
+        if any(p.name in rows for p in parameters):
+            apply(build(values()))
+
+    settings = build(values())
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(take_over)
+    return settings

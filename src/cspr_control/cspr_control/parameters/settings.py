@@ -65,7 +65,7 @@ def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySe
     ControlError, cspr_kinematics.KinematicsError
         If they do not fit the robot: what does not is refused now rather than at the start.
     """
-    name = TrajectoryName.parse(values["trajectory"])
+    name = TrajectoryName(values["trajectory"])
     home = {"move_position": robot.home.position, "move_orientation": robot.home.euler}
     goal = {vector: values.get(vector, default) for vector, default in home.items()}
     for vector, elements in goal.items():

@@ -4,23 +4,115 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
-from cspr_control.demo.scenario import AddedPayload
+from cspr_control.parameters.experiment import TRAJECTORIES, AddedPayload
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_msgs_py.errors import ParameterError
+from cspr_msgs_py.parameters.file import value_from_text
+from cspr_msgs_py.vocabulary import Controller
 
-
-def mass(text: str) -> float:
-    """Read a mass, kg."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a mass in kg of at least 0")
-    return value
+_DEFAULT_ADDED = AddedPayload(100.0, 3.0)
 
 
-def added_payload(text: str) -> AddedPayload | None:
-    """Read a change of the payload such as ``100@3``; None for ``none``."""
+def number(what: str, least: float, most: float = math.inf) -> Callable[[str], float]:
+    """Return a reader of finite numbers within limits; what it refuses is not ``what``."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and least <= value <= most):
+            raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
+        return value
+
+    return read
+
+
+seconds = number("a time in s of at least 0", 0.0)
+
+
+def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]]:
+    """Return a reader of ``NODE.NAME=VALUE``: a parameter of one of the nodes, or of any of ours if none are named."""
+
+    def read(text: str) -> tuple[str, str, Any]:
+        name, separator, value = text.partition("=")
+        node, _, parameter = name.partition(".")
+        if not separator or not parameter:
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is not of the form NODE.NAME=VALUE, such as feedforward.model=static"
+            )
+        try:
+            if nodes and node not in nodes:
+                raise ParameterError(f"{node!r} is not a node that has them here; {', '.join(nodes)} have")
+            return node, parameter, value_from_text(node, parameter, value)
+        except ParameterError as error:
+            raise argparse.ArgumentTypeError(f"{text}: {error}") from error
+
+    return read
+
+
+def add_configuration_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--config``."""
+    parser.add_argument(
+        "--config", type=Path, default=Path("config"), metavar="DIR",
+        help="directory of the configuration; default: %(default)s",
+    )  # fmt: skip
+
+
+def add_experiment_arguments(parser: argparse.ArgumentParser, controllers: Any = None) -> None:
+    """Add the arguments of an `Experiment`.
+
+    Parameters
+    ----------
+    parser
+        Of the program.
+    controllers
+        The group of arguments that ``--controller`` belongs to, if it belongs to one.
+    """
+    (controllers or parser).add_argument(
+        "--controller", choices=list(Controller), default=Controller.PDFF_MASS, help="default: %(default)s"
+    )
+    add = parser.add_argument
+    add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
+    add(
+        "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
+        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
+    )  # fmt: skip
+    mass = number("a mass in kg of at least 0", 0.0)
+    add(
+        "--payload", type=mass, default=100.0, metavar="KG",
+        help="aboard from the start; default: %(default)s",
+    )  # fmt: skip
+    add(
+        "--add-payload", type=_added_payload, action="append", metavar="KG@S",
+        help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3; several, or "
+        "none; default: 100@3",
+    )  # fmt: skip
+    add_configuration_argument(parser)
+
+
+def chosen_experiment(parser: argparse.ArgumentParser, options: argparse.Namespace) -> dict[str, Any]:
+    """Return what an `Experiment` is made of; ends the program when the arguments do not fit together."""
+    added = tuple(filter(None, options.add_payload or [_DEFAULT_ADDED]))
+    mass = options.payload
+    for change in sorted(added, key=lambda change: change.time):
+        if mass + change.mass < 0.0:
+            parser.error(f"--add-payload takes {-change.mass:g} kg away from --payload {mass:g}")
+        mass += change.mass
+    return {
+        "controller": Controller(options.controller),
+        "exact_mass": options.exact_mass,
+        "trajectory": TrajectoryName(options.trajectory),
+        "payload": options.payload,
+        "added": added,
+    }
+
+
+def _added_payload(text: str) -> AddedPayload | None:
     if text == "none":
         return None
     kilograms, separator, moment = text.partition("@")

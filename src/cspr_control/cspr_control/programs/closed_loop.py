@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,16 +10,17 @@ from pathlib import Path
 from cspr_control.analysis.numbers.run_summary import format_summary
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
-from cspr_control.demo.scenario import TRAJECTORIES, AddedPayload
 from cspr_control.errors import ControlError
-from cspr_control.programs.arguments import added_payload, mass
-from cspr_control.reference.catalogue import TrajectoryName
+from cspr_control.programs.arguments import (
+    add_experiment_arguments,
+    chosen_experiment,
+    parameter,
+    seconds,
+)
 from cspr_kinematics import KinematicsError
-from cspr_msgs_py.errors import MessagesError, ParameterError
+from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.parameters.file import value_from_text
 from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
-from cspr_msgs_py.vocabulary import Controller
 
 DESCRIPTION = """\
 Run the control graph on a simulated robot in simulated time: what the demo does live, without ROS and without waiting.
@@ -52,11 +52,7 @@ def _run(options: argparse.Namespace) -> None:
     for node, name, value in options.set:
         parameters.setdefault(node, {})[name] = value
     scenario = Scenario(
-        controller=Controller(options.controller),
-        exact_mass=options.exact_mass,
-        trajectory=TrajectoryName(options.trajectory),
-        payload=options.payload,
-        added=tuple(filter(None, options.add_payload or [AddedPayload(100.0, 3.0)])),
+        **options.experiment,
         faults=tuple(options.fault),
         config=options.config,
         devices=not options.plant,
@@ -88,45 +84,23 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         "closed_loop", DESCRIPTION, EPILOG + "\n".join(faults), json="what summary.json holds"
     )
     add = parser.add_argument
-    add("--controller", choices=list(Controller), default=Controller.PDFF_MASS, help="default: %(default)s")
-    add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
-    add(
-        "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
-        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
-    )  # fmt: skip
-    add(
-        "--payload",
-        type=mass,
-        default=100.0,
-        metavar="KG",
-        help="aboard from the start; default: %(default)s",
-    )
-    add(
-        "--add-payload", type=added_payload, action="append", metavar="KG@S",
-        help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3; several, or "
-        "none; default: 100@3",
-    )  # fmt: skip
+    add_experiment_arguments(parser)
     add(
         "--fault", type=_fault, action="append", default=[], metavar="'FAULT PLACE@S'",
         help="happens S seconds after the start of the trajectory; several; see below",
     )  # fmt: skip
-    add(
-        "--duration", type=_seconds, metavar="S", help="stop the trajectory after this time; default: its end"
-    )
+    add("--duration", type=seconds, metavar="S", help="stop the trajectory after this time; default: its end")
     add("--plant", action="store_true", help="the plant alone, without drivers, buses and devices")
     add("--seed", type=int, help="of the noise; default: that of simulation.yaml")
     add(
-        "--set", type=_parameter, action="append", default=[], metavar="NODE.NAME=VALUE",
+        "--set", type=parameter(), action="append", default=[], metavar="NODE.NAME=VALUE",
         help="a parameter other than in control.yaml; several",
-    )  # fmt: skip
-    add(
-        "--config", type=Path, default=Path("config"), metavar="DIR",
-        help="directory of the configuration; default: %(default)s",
     )  # fmt: skip
     add("--bag", type=Path, metavar="DIR", help="record all that is published, as the recorder does")
     options = parser.parse_args(arguments)
     if options.fault and options.plant:
         parser.error("--fault needs devices that can have it: leave out --plant")
+    options.experiment = chosen_experiment(parser, options)
     return options
 
 
@@ -136,30 +110,7 @@ def _fault(text: str) -> PlannedFault:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not of the form 'FAULT PLACE@S', such as 'bus_cut main@4'"
         )
-    return PlannedFault(fault, _seconds(moment))
-
-
-def _parameter(text: str) -> tuple[str, str, object]:
-    name, separator, value = text.partition("=")
-    node, _, parameter = name.partition(".")
-    if not separator or not parameter:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not of the form NODE.NAME=VALUE, such as feedforward.model=static"
-        )
-    try:
-        return node, parameter, value_from_text(node, parameter, value)
-    except ParameterError as error:
-        raise argparse.ArgumentTypeError(f"{text}: {error}") from error
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a time in s of at least 0")
-    return value
+    return PlannedFault(fault, seconds(moment))
 
 
 if __name__ == "__main__":

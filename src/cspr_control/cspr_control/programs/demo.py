@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import signal
 import sys
@@ -21,16 +20,10 @@ from cspr_control.analysis.results import FIGURES, default_directory, write_resu
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.demo.child_processes import ChildProcesses
 from cspr_control.demo.ros_domain import claim_domain
-from cspr_control.demo.scenario import (
-    TRAJECTORIES,
-    AddedPayload,
-    Scenario,
-    ros_arguments,
-    ros_parameter,
-)
+from cspr_control.demo.scenario import Scenario, ros_arguments, ros_parameter
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
-from cspr_control.programs.arguments import added_payload, mass
+from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment, number
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import program_parser, run_program
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
@@ -75,23 +68,17 @@ def main(args: list[str] | None = None) -> int:
 
 def _run_chosen(options: argparse.Namespace) -> None:
     """Run what the options ask for, one after the other; what was run is compared, whatever becomes of the next."""
-    chosen = COMPARED if options.compare else [(Controller(options.controller), options.exact_mass)]
+    one = options.experiment
+    compared = COMPARED if options.compare else [(one["controller"], one["exact_mass"])]
     summaries: list[RunSummary] = []
     analyses: list[RunAnalysis] = []
     # On loopback, in a domain of its own: no robot in the same network hears a word of this.
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     try:
         with claim_domain():
-            for controller, exact_mass in chosen:
-                scenario = Scenario(
-                    controller,
-                    exact_mass,
-                    options.trajectory,
-                    options.payload,
-                    options.add_payload,
-                    options.realtime,
-                    options.speed,
-                )
+            for controller, exact_mass in compared:
+                chosen = {**options.experiment, "controller": controller, "exact_mass": exact_mass}
+                scenario = Scenario(**chosen, realtime=options.realtime, speed=options.speed)
                 summary, analysis = _run_and_report(scenario, options)
                 summaries.append(summary)
                 analyses.append(analysis)
@@ -109,7 +96,7 @@ def _run_chosen(options: argparse.Namespace) -> None:
 
 def _run_and_report(scenario: Scenario, options: argparse.Namespace) -> tuple[RunSummary, RunAnalysis]:
     directory = _new_run_directory(Path(options.runs))
-    summary, analysis = _run(scenario, directory, Path(options.config), options.markers)
+    summary, analysis = _run(scenario, directory, options.config, options.markers)
     if not options.compare:
         print(f"\n{format_runs([analysis])}")
     print(f"\n{format_summary(summary)}")
@@ -127,15 +114,15 @@ def _stop_on_signals() -> None:
     """
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
-        for number in numbers:
-            signal.signal(number, signal.SIG_IGN)
+        for each in numbers:
+            signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # not under nohup
         numbers.append(signal.SIGHUP)
-    for number in numbers:
-        signal.signal(number, interrupt)
+    for each in numbers:
+        signal.signal(each, interrupt)
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:
@@ -143,28 +130,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "demo", DESCRIPTION, EPILOG, json="what summary.json holds (--compare: the list of all runs)"
     )
     controllers = parser.add_mutually_exclusive_group()
-    controllers.add_argument(
-        "--controller", choices=list(Controller), default=Controller.PDFF_MASS, help="default: %(default)s"
-    )
-    parser.add_argument(
-        "--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times"
-    )
-    parser.add_argument(
-        "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
-        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
-    )  # fmt: skip
-    parser.add_argument(
-        "--payload",
-        type=mass,
-        default=100.0,
-        metavar="KG",
-        help="aboard from the start; default: %(default)s",
-    )
-    parser.add_argument(
-        "--add-payload", type=added_payload, default=AddedPayload(100.0, 3.0), metavar="KG@S",
-        help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3, or none; "
-        "default: 100@3",
-    )  # fmt: skip
+    add_experiment_arguments(parser, controllers)
     controllers.add_argument(
         "--compare", action="store_true", help="run all controllers and compare them in one table"
     )
@@ -172,16 +138,13 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "--realtime", action="store_true", help="SCHED_FIFO for control and drivers (needs the privilege)"
     )
     parser.add_argument(
-        "--speed", type=_speed, default=1.0, metavar="FACTOR",
+        "--speed", type=number("a number from 0.1 to 1", 0.1, 1.0), default=1.0, metavar="FACTOR",
         help="pace of the simulated machine, 0.1 to 1, for a computer that is too slow for it; default: %(default)s",
     )  # fmt: skip
     parser.add_argument(
         "--markers",
         action="store_true",
         help="also publish /robot_markers, for RViz and Foxglove (config/views)",
-    )
-    parser.add_argument(
-        "--config", default="config", metavar="DIR", help="configuration; default: %(default)s"
     )
     parser.add_argument(
         "--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s"
@@ -191,24 +154,12 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
     if options.exact_mass and options.compare:
         parser.error("--exact-mass has no meaning for --compare, which runs pdff with the exact mass as well")
-    added = options.add_payload
-    if added is not None and options.payload + added.mass < 0.0:
-        parser.error(f"--add-payload takes {-added.mass:g} kg away from --payload {options.payload:g}")
+    options.experiment = chosen_experiment(parser, options)
     if not Path(options.config, "robot.yaml").is_file():
         parser.error(
             f"{options.config}/robot.yaml is not there: start from the repository's root or name --config DIR"
         )
     return options
-
-
-def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = math.nan
-    if not 0.1 <= speed <= 1.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0.1 to 1")
-    return speed
 
 
 def _realtime_problem() -> str | None:
@@ -262,7 +213,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     simulating = ros_arguments(config) + scenario.robot_arguments() + robot_cpu
 
     with ChildProcesses(directory / "log") as children, demo_client() as client:
-        progress = Progress(scenario.title, client)
+        progress = Progress(scenario.label, client)
         run = Operator(client, children, progress, scenario.speed)
         try:
             children.start("recorder", PACKAGES["recorder"], recording)
@@ -272,7 +223,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                 children.start(
                     "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
                 )
-            run.wait("starting", lambda: client.ready, 120.0, lambda: client.missing)
+            run.wait("starting", lambda: not client.missing, 120.0, lambda: client.missing)
             run.enable(30.0)
             run.pause("measuring the load", 2.0)
             run.call("/trajectory_publisher/start", 10.0)
@@ -281,10 +232,8 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
             )
             assert client.trajectory_times is not None  # the line above waited for it
             start, end = client.trajectory_times
-            if scenario.added is not None:
-                client.set_payload(
-                    scenario.payload + scenario.added.mass, start + round(scenario.added.time * 1e9)
-                )
+            for time, mass in scenario.loads():
+                client.set_payload(mass, start + round(time * 1e9))
             run.wait(
                 "moving to the start",
                 lambda: client.phase == TrajectoryPhase.RUNNING,
@@ -306,7 +255,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
             progress.end()
     recorded = read_recording(directory / "bag", configuration_directory=config)
     chosen: dict[str, Any] = {"controller": scenario.controller, "exact_mass": scenario.exact_mass}
-    analysis = analyse_recording(replace(recorded, outcome=chosen), scenario.title)
+    analysis = analyse_recording(replace(recorded, outcome=chosen), scenario.label)
     summary = RunSummary.of(analysis.metrics, **chosen)
     write_json(directory / "summary.json", summary.as_mapping())
     return summary, analysis

@@ -8,12 +8,12 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from cspr_control.closed_loop.fault_outcome import PAYLOAD, Bench, Outcome
 from cspr_control.closed_loop.fault_scenarios import SCENARIOS, FaultScenario
 from cspr_control.closed_loop.loop import ClosedLoopError
 from cspr_control.errors import ControlError
+from cspr_control.programs.arguments import add_configuration_argument
 from cspr_kinematics import KinematicsError
 from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
@@ -96,10 +96,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     epilog = EPILOG + "\n\nfaults:\n" + "\n".join(f"  {name}" for name in names)
     parser = program_parser("faults", DESCRIPTION, epilog, json="the numbers of the table")
     parser.add_argument("faults", nargs="*", metavar="FAULT", help="which; default: all")
-    parser.add_argument(
-        "--config", type=Path, default=Path("config"), metavar="DIR",
-        help="directory of the configuration; default: %(default)s",
-    )  # fmt: skip
+    add_configuration_argument(parser)
     options = parser.parse_args(arguments)
     for name in options.faults:
         if name not in names:

@@ -13,9 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from cspr_control.errors import ControlError, SettingError
+from cspr_control.errors import ControlError
 from cspr_control.estimation.payload import UPDATE_PERIOD
 from cspr_control.parameters.settings import estimator_settings, feedforward_settings
+from cspr_control.programs.arguments import parameter
 from cspr_control.rerun.bag import write_rerun
 from cspr_control.rerun.comparison import (
     Comparison,
@@ -37,9 +38,8 @@ from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates
-from cspr_msgs_py.errors import MessagesError, ParameterError
+from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.parameters.file import value_from_text
 from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
 
 NODES = ("mass_estimator", "feedforward")
@@ -68,10 +68,11 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the re-run; returns the exit status."""
     parser = _parser()
     options = parser.parse_args(args)
-    try:
-        changes = _changes(options.set, options.nodes)
-    except ControlError as error:
-        parser.error(str(error))
+    changes: dict[str, dict[str, Any]] = {node: {} for node in options.nodes}
+    for node, name, value in options.set:
+        if node not in changes:
+            parser.error(f"--set: {node} is not among the nodes to re-run: {', '.join(options.nodes)}")
+        changes[node][name] = value
     errors = (ControlError, KinematicsError, MessagesError)
     return run_program("rerun", lambda: _run(options, changes), errors, "nothing was written")
 
@@ -140,11 +141,12 @@ def _estimate(
     recording: Recording, given: dict[str, Any]
 ) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
     settings, values = schedule(recording, "mass_estimator", estimator_settings, given)
-    tensions, poses = recording.tensions(), recording.poses()
+    tensions = recording.joints(topics.CABLE_TENSIONS, topics.cable_names(recording.robot.number_of_cables))
+    poses = recording.read(Bag.poses, topics.PLATFORM_POSE.name)
     recorded, initial, first = None, None, 0
     published: Sequence[int] = []
     if recording.holds(topics.PAYLOAD):
-        recorded = recording.payloads()
+        recorded = recording.read(Bag.inertias, topics.PAYLOAD.name)
         published = recording.publish_times(topics.PAYLOAD)
     updates = update_times(tensions, poses, recorded, published)
     if recorded is not None:
@@ -157,27 +159,31 @@ def _estimate(
     )
     if len(payloads.mass) == 0:
         raise ControlError("nothing to re-run: the recording holds no valid measurement of the payload")
-    truth_topic = topics.SIMULATED_PAYLOAD
-    truth = recording.payloads(truth_topic.name) if recording.holds(truth_topic) else None
+    truth = None
+    if recording.holds(topics.SIMULATED_PAYLOAD):
+        truth = recording.read(Bag.inertias, topics.SIMULATED_PAYLOAD.name)
     return payloads, compare_payloads(payloads, recorded, truth, tensions), values
 
 
 def _answer(
     recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
 ) -> tuple[JointStates, SetpointComparison, dict[str, Any]]:
-    build = partial(feedforward_settings, recording.robot.number_of_cables)
+    m = recording.robot.number_of_cables
+    build = partial(feedforward_settings, m)
     settings, values = schedule(recording, "feedforward", build, given)
-    references = recording.references()
-    payloads: Any = rerun
+    references = recording.read(Bag.references, topics.REFERENCE.name)
+    payloads: Inertias | None = rerun
+    if topic is None and rerun is None and recording.holds(topics.PAYLOAD):
+        topic = topics.PAYLOAD.name
     if topic is not None:
-        payloads = recording.payloads(topic)
-    elif rerun is None and recording.holds(topics.PAYLOAD):
-        payloads = recording.payloads()
+        payloads = recording.read(Bag.inertias, topic)
     initial = None if payloads is None else _known_before(recording, payloads)
     setpoints = rerun_feedforward(
         recording.robot, settings, references, payloads, initial, _progress("feedforward")
     )
-    recorded = recording.setpoints() if recording.holds(topics.SETPOINT) else None
+    recorded = None
+    if recording.holds(topics.SETPOINT):
+        recorded = recording.joints(topics.SETPOINT, topics.motor_names(m))
     return setpoints, compare_setpoints(setpoints, recorded), values
 
 
@@ -197,7 +203,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("bag", metavar="BAG", help="directory of a bag, or an .mcap file")
     add(
-        "--set", action="append", default=[], metavar="NODE.PARAMETER=VALUE",
+        "--set", type=parameter(NODES), action="append", default=[], metavar="NODE.PARAMETER=VALUE",
         help="a parameter of mass_estimator or feedforward; may be given several times",
     )  # fmt: skip
     add(
@@ -211,29 +217,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--config", metavar="DIR", help="configuration to use instead of the one in the bag")
     add("--output", metavar="DIR", help="must not exist yet; default: rerun, rerun-2 ... beside the bag")
     return parser
-
-
-def _changes(arguments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the given parameters by node; raises SettingError for what cannot be one."""
-    changes: dict[str, dict[str, Any]] = {node: {} for node in nodes}
-    for argument in arguments:
-        name, separator, text = argument.partition("=")
-        node, dot, parameter = name.partition(".")
-        if not separator or not dot:
-            raise SettingError(
-                f"--set {argument}: NODE.PARAMETER=VALUE is needed, as in mass_estimator.time_constant=0.2"
-            )
-        if node not in NODES:
-            raise SettingError(f"--set {argument}: {node!r} is not a node that is re-run: {', '.join(NODES)}")
-        if node not in changes:
-            raise SettingError(
-                f"--set {argument}: {node} is not among the nodes to re-run: {', '.join(nodes)}"
-            )
-        try:
-            changes[node][parameter] = value_from_text(node, parameter, text)
-        except ParameterError as error:
-            raise SettingError(f"--set {argument}: {error}") from error
-    return changes
 
 
 def _output(given: str | None, source: Path) -> Path:

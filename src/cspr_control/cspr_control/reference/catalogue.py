@@ -9,7 +9,6 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
@@ -32,21 +31,6 @@ class TrajectoryName(Enum):
     SMOOTH_19 = "smooth-19"
     SMOOTH_19_TILT = "smooth-19-tilt"
 
-    @staticmethod
-    def parse(text: str) -> TrajectoryName:
-        """Trajectory of that name.
-
-        Raises
-        ------
-        TrajectoryError
-            If there is none.
-        """
-        try:
-            return TrajectoryName(text)
-        except ValueError:
-            known = ", ".join(name.value for name in TrajectoryName)
-            raise TrajectoryError(f"there is no trajectory {text!r}; known are {known}") from None
-
 
 @dataclass(frozen=True)
 class TrajectoryOptions:
@@ -58,10 +42,8 @@ class TrajectoryOptions:
         Limits of `PointToPoint` motions.
     goal
         Where ``move`` leads.
-    blend_time
-        Time from rest to full pace of the smooth trajectories, s.
-    hold_duration
-        How long ``hold`` lasts, s.
+    blend_time, hold_duration
+        In s, see `cspr_msgs_py.parameters.table`.
     """
 
     limits: MotionLimits

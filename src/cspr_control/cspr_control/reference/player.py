@@ -27,12 +27,8 @@ class TrajectoryPlayer:
     ----------
     limits
         Limits of the approach.
-    dwell
-        Rest at the start of the trajectory before it begins, s.
-    stop_time
-        Time from the path's own pace to rest when stopped, s.
-    max_gap
-        Longest time between two samples, s. After a longer one the reference stays where it was and the
+    dwell, stop_time, max_gap
+        In s, see `cspr_msgs_py.parameters.table`. After a gap longer than that the reference stays where it was and the
         trajectory is over: the motors heard nothing for that time and could only jump after it.
 
     Attributes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -150,10 +150,6 @@ class Comparison:
     parameters: dict[str, dict[str, Any]]  # those given otherwise, by node.name: recorded and rerun
     payload: PayloadComparison | None
     setpoint: SetpointComparison | None
-
-    def as_mapping(self) -> dict[str, Any]:
-        """Return the comparison as it is stored in comparison.json."""
-        return asdict(self)
 
 
 def format_comparison(comparison: Comparison) -> str:

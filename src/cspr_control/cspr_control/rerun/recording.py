@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.rerun.rerun import Schedule
 from cspr_kinematics import Robot
 from cspr_kinematics.configuration.yaml_file import parse_yaml
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, Inertias, JointStates, Poses, References
+from cspr_msgs_py.bag.reader import Bag, JointStates
 from cspr_msgs_py.errors import BagError, ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import parameter_values
@@ -110,29 +107,26 @@ class Recording:
         self.configuration = configuration
         self.robot = configuration.robot
 
-    def tensions(self) -> JointStates:
-        """Return measured tensions, cables in the order of the robot; raises ControlError if there are none."""
-        names = topics.cable_names(self.robot.number_of_cables)
-        states = self._read(self._bag.joint_states, topics.CABLE_TENSIONS.name)
-        return _in_order_of(names, states, f"{self._bag.path}: {topics.CABLE_TENSIONS.name}")
+    def read(self, kind: Callable[[Bag, str], Columns], topic: str) -> Columns:
+        """Return the columns of a topic as a method of `Bag` reads them; raises ControlError if there are none."""
+        try:
+            return kind(self._bag, topic)
+        except BagError as error:
+            raise ControlError(f"nothing to re-run: {error}") from error
 
-    def poses(self) -> Poses:
-        """Return the poses of the platform; raises ControlError if there are none."""
-        return self._read(self._bag.poses, topics.PLATFORM_POSE.name)
-
-    def references(self) -> References:
-        """Return the references of the feed-forward; raises ControlError if there are none."""
-        return self._read(self._bag.references, topics.REFERENCE.name)
-
-    def payloads(self, topic: str = topics.PAYLOAD.name) -> Inertias:
-        """Return the payloads on a topic; raises ControlError if there are none."""
-        return self._read(self._bag.inertias, topic)
-
-    def setpoints(self) -> JointStates:
-        """Return recorded set-points, motors in the order of the robot; raises ControlError if there are none."""
-        names = topics.motor_names(self.robot.number_of_cables)
-        states = self._read(self._bag.joint_states, topics.SETPOINT.name)
-        return _in_order_of(names, states, f"{self._bag.path}: {topics.SETPOINT.name}")
+    def joints(self, topic: topics.Topic, names: Sequence[str]) -> JointStates:
+        """Return the joint states on a topic, in the order of the names; raises ControlError if there are none."""
+        states = self.read(Bag.joint_states, topic.name)
+        if sorted(states.names) != sorted(names):
+            raise ControlError(
+                f"{self._bag.path}: {topic.name} names {', '.join(states.names)}; "
+                f"the robot of the configuration has {', '.join(names)}"
+            )
+        order = [states.names.index(name) for name in names]
+        fields = {name: getattr(states, name) for name in ("position", "velocity", "effort")}
+        # a field that the messages do not carry has no columns
+        ordered = {name: values[:, order] if values.shape[1] else values for name, values in fields.items()}
+        return replace(states, names=tuple(names), **ordered)
 
     def holds(self, topic: topics.Topic) -> bool:
         """Return whether there is a message on the topic."""
@@ -153,12 +147,6 @@ class Recording:
         except ValueError as error:
             raise ControlError(f"{self._bag.path}: {PARAMETER_EVENTS} cannot be read: {error}") from error
         return [(time, event) for time, event in events if event.node == node]
-
-    def _read(self, read: Callable[[str], Columns], topic: str) -> Columns:
-        try:
-            return read(topic)
-        except BagError as error:
-            raise ControlError(f"nothing to re-run: {error}") from error
 
 
 def schedule(
@@ -199,32 +187,12 @@ def schedule(
     try:
         recorded = parameter_values(node, recording.configuration.parameters.of(node), declared)
         values = recorded
-        changes = []
+        settings = [(0, build(parameter_values(node, recorded, given)))]
         for time, event in events:
             changed = {name: value for name, value in event.changed.items() if name in recorded}
             if changed:
                 values = parameter_values(node, values, changed)
-                changes.append((time, build(parameter_values(node, values, given))))
-        first = build(parameter_values(node, recorded, given))
+                settings.append((time, build(parameter_values(node, values, given))))
     except (ControlError, ParameterError) as error:
         raise SettingError(f"{node}: {error}") from error
-    return Schedule(first, tuple(changes)), recorded
-
-
-def _in_order_of(names: Sequence[str], states: JointStates, where: str) -> JointStates:
-    if sorted(states.names) != sorted(names):
-        raise ControlError(
-            f"{where} names {', '.join(states.names)}; the robot of the configuration has {', '.join(names)}"
-        )
-    order = [states.names.index(name) for name in names]
-
-    def ordered(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return values[:, order] if values.shape[1] else values  # a field that the messages do not carry
-
-    return replace(
-        states,
-        names=tuple(names),
-        position=ordered(states.position),
-        velocity=ordered(states.velocity),
-        effort=ordered(states.effort),
-    )
+    return settings, recorded

@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from heapq import merge
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,37 +35,15 @@ Progress = Callable[[float], None]
 Stream = tuple[Sequence[int], Callable[[float, int], Outputs]]
 """Times in ns, and what happens at one of them: called with monotonic time in s and the index of the time."""
 
+Schedule = Sequence[tuple[int, Settings]]
+"""Settings and the receive times, ns, from which they hold, in the order of time; the first from the start."""
+
 _SECOND = 1e-9  # s in a nanosecond
 _PERIOD = round(UPDATE_PERIOD * 1e9)  # ns
 
 
 def _silent(share: float) -> None:
     """Show no progress."""
-
-
-@dataclass(frozen=True)
-class Schedule(Generic[Settings]):
-    """Settings and the times from which they hold.
-
-    Attributes
-    ----------
-    first
-        What holds from the start.
-    changes
-        Receive time (ns) and what holds from then on, in the order of time.
-    """
-
-    first: Settings
-    changes: tuple[tuple[int, Settings], ...] = ()
-
-    def stream(self, configure: Callable[[Settings], None]) -> Stream:
-        """Return the changes, as actions in the order of time."""
-
-        def change(now: float, index: int) -> Outputs:
-            configure(self.changes[index][1])
-            return NOTHING
-
-        return [time for time, _ in self.changes], change
 
 
 @dataclass(frozen=True)
@@ -145,7 +123,7 @@ def rerun_estimator(
     progress
         Called now and then with the share that is done.
     """
-    component = PayloadComponent(robot, settings.first, initial)
+    component = PayloadComponent(robot, settings[0][1], initial)
     graph = ControlGraph((component,))
     begin = updates[first]
 
@@ -163,19 +141,15 @@ def rerun_estimator(
         topics.PAYLOAD,
         begin,
         progress,
-        settings.stream(component.configure),
+        _changes(settings[1:], component.configure),
         (tensions.log_time_ns.tolist(), observe_tensions),
         (poses.log_time_ns.tolist(), observe_pose),
         (updates[first:], lambda now, index: component.update(now)),
     )
-    samples = [sample for _, _, sample in published]
     return EstimatedPayloads(
         tensions.start_ns,
-        np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
-        np.array([time for time, _, _ in published], dtype=np.int64),
-        np.array([sample.mass for sample in samples], dtype=float),
-        np.array([sample.center_of_mass for sample in samples], dtype=float).reshape(-1, 3),
-        np.array([first + index for _, index, _ in published], dtype=np.int64),
+        **_columns(published, mass=(), center_of_mass=(3,)),
+        update=np.array([first + index for _, index, _ in published], dtype=np.int64),
     )
 
 
@@ -202,7 +176,7 @@ def rerun_feedforward(
     progress
         Called now and then with the share that is done.
     """
-    component = FeedforwardComponent(robot, settings.first)
+    component = FeedforwardComponent(robot, settings[0][1])
     graph = ControlGraph((component,))
     if initial is not None:
         graph.deliver(topics.PAYLOAD, 0.0, InertiaSample(0, initial.mass, initial.center_of_mass))
@@ -222,21 +196,34 @@ def rerun_feedforward(
         topics.SETPOINT,
         int(references.log_time_ns[0]),
         progress,
-        settings.stream(component.configure),
+        _changes(settings[1:], component.configure),
         ([] if payloads is None else payloads.log_time_ns.tolist(), take_payload),
         (references.log_time_ns.tolist(), answer),
     )
     m = robot.number_of_cables
+    columns = _columns(published, position=(m,), velocity=(m,), effort=(m,))
+    return JointStates(references.start_ns, names=topics.motor_names(m), **columns)
+
+
+def _changes(schedule: Schedule[Settings], configure: Callable[[Settings], None]) -> Stream:
+    def change(now: float, index: int) -> Outputs:
+        configure(schedule[index][1])
+        return NOTHING
+
+    return [time for time, _ in schedule], change
+
+
+def _columns(published: Sequence[tuple[int, int, Any]], **fields: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    """Return stamps, times (both ns) and some fields of published samples, with their shapes, as columns."""
     samples = [sample for _, _, sample in published]
-    return JointStates(
-        references.start_ns,
-        np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
-        np.array([time for time, _, _ in published], dtype=np.int64),
-        topics.motor_names(m),
-        np.array([sample.position for sample in samples], dtype=float).reshape(-1, m),
-        np.array([sample.velocity for sample in samples], dtype=float).reshape(-1, m),
-        np.array([sample.effort for sample in samples], dtype=float).reshape(-1, m),
-    )
+    columns: dict[str, NDArray[Any]] = {
+        "time_ns": np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
+        "log_time_ns": np.array([time for time, _, _ in published], dtype=np.int64),
+    }
+    for name, shape in fields.items():
+        values = np.array([getattr(sample, name) for sample in samples], dtype=float)
+        columns[name] = values.reshape(len(samples), *shape)
+    return columns
 
 
 def _joint_state(states: JointStates, index: int) -> JointStateSample:

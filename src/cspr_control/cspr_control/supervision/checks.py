@@ -64,7 +64,6 @@ class Fault:
 _CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE)
 """Inputs that the motors do not need to follow the reference to its rest."""
 
-
 _DEFAULT = defaults("supervisor")
 
 
@@ -74,38 +73,27 @@ def _default_ages() -> dict[MonitoredInput, float]:
 
 @dataclass(frozen=True)
 class SupervisionLimits:
-    """Limits beyond which the robot is stopped.
+    """Limits beyond which the robot is stopped; the parameters among them are those of `cspr_msgs_py.parameters.table`.
 
     Attributes
     ----------
     max_ages
         Age from which each input counts as stale, s.
-    following_error
-        Largest difference between desired and measured motor angle, rad.
-    following_error_time
-        How long it may be exceeded, s.
     starting_error
-        Largest difference between desired and measured motor angle with which the robot may be enabled, rad: the motors
-        jump by as much. It is large where the lengths of the cables fit no pose, as after a cable was paid out.
+        In rad: the motors jump by as much when the robot is enabled. The difference is large where the lengths of the
+        cables fit no pose, as after a cable was paid out.
     tension_min, tension_max
         Limits of the cable tensions, N.
-    tension_min_time, tension_max_time
-        How long they may be passed, s.
-    motor_speed, motor_speed_time
-        Largest speed of a motor, rad/s, and how long it may be exceeded, s.
+    motor_speed
+        Largest speed of a motor, rad/s.
     workspace_min, workspace_max
         Corners (3,) of the box that the platform must not leave, m in base.
     workspace_margin
         How far out of it still counts as in it, m; and how much further out a robot may go that was enabled outside.
     pay_out
         Cable paid out by an angle of the motor, m/rad; relates torque and tension.
-    tension_difference, tension_difference_time
-        Largest difference between a load cell and the torque of its motor, N, and how long it may be exceeded, s.
     stuck_time
-        How long a load cell may show the very same value, s; the noise of a sound one never lets it.
-    enable_timeout, stop_timeout, drive_timeout
-        Longest time for the drives to become enabled, for the trajectory to come to rest and for the drives
-        to become disabled, s.
+        In s; the noise of a sound load cell never lets it show the very same value for long.
     """
 
     max_ages: dict[MonitoredInput, float] = field(default_factory=_default_ages)
@@ -169,11 +157,14 @@ class SupervisionChecks:
         self._desired_stamp = 0
         self._tensions = np.full(count, np.nan)
         self._tensions_changed = np.full(count, -math.inf)  # when each last showed another value, s
-        self._following = LastingViolation(count, limits.following_error_time)
-        self._low = LastingViolation(count, limits.tension_min_time)
-        self._high = LastingViolation(count, limits.tension_max_time)
-        self._fast = LastingViolation(count, limits.motor_speed_time)
-        self._implausible = LastingViolation(count, limits.tension_difference_time)
+        allowed_times = {
+            FaultKind.FOLLOWING_ERROR: limits.following_error_time,
+            FaultKind.OVERSPEED: limits.motor_speed_time,
+            FaultKind.TENSION_HIGH: limits.tension_max_time,
+            FaultKind.TENSION_LOW: limits.tension_min_time,
+            FaultKind.LOAD_CELL: limits.tension_difference_time,
+        }
+        self._watches = {kind: LastingViolation(count, time) for kind, time in allowed_times.items()}
 
     def clear(self) -> None:
         """Forget violations under way: the robot is about to be enabled.
@@ -181,7 +172,7 @@ class SupervisionChecks:
         A platform that is outside of its workspace now may move, as long as it goes no further out.
         """
         self._outside_when_enabled = np.nan_to_num(self._way_outside())
-        for watch in (self._following, self._low, self._high, self._fast, self._implausible):
+        for watch in self._watches.values():
             watch.clear()
 
     def observe_arrival(self, source: MonitoredInput, time: float) -> None:
@@ -249,11 +240,11 @@ class SupervisionChecks:
         under_torque
             Whether all brakes are open, so that torques and tensions belong together.
         """
-        faults = self._excess_of_motors(time) + self._excess_of_cables(time)
+        faults = self._lasting_violations(time)
         if under_torque:
             faults += self._implausible_cells(time)
         else:
-            self._implausible.clear()
+            self._watches[FaultKind.LOAD_CELL].clear()
         outside = self._outside()
         if outside is not None:
             faults.append(Fault(FaultKind.WORKSPACE, outside, controlled=True))
@@ -261,30 +252,24 @@ class SupervisionChecks:
 
     # All comparisons are written so that a number that is not finite counts as beyond the limit.
 
-    def _excess_of_motors(self, time: float) -> list[Fault]:
-        limits, errors, faults = self._limits, self.following_errors(), []
-        motor = self._following.update(time, ~(np.abs(errors) <= limits.following_error))
-        if motor is not None:
-            detail = (
-                f"motor_{motor + 1} is {errors[motor]:.2f} rad behind, limit {limits.following_error:g} rad"
-            )
-            faults.append(Fault(FaultKind.FOLLOWING_ERROR, detail))
-        motor = self._fast.update(time, ~(np.abs(self._speeds) <= limits.motor_speed))
-        if motor is not None:
-            detail = f"motor_{motor + 1} turns at {self._speeds[motor]:.0f} rad/s, limit {limits.motor_speed:g} rad/s"
-            faults.append(Fault(FaultKind.OVERSPEED, detail))
-        return faults
-
-    def _excess_of_cables(self, time: float) -> list[Fault]:
-        limits, tensions, faults = self._limits, self._tensions, []
-        cable = self._high.update(time, ~(tensions <= limits.tension_max))
-        if cable is not None:
-            detail = f"cable_{cable + 1} at {tensions[cable]:.0f} N, limit {limits.tension_max:g} N"
-            faults.append(Fault(FaultKind.TENSION_HIGH, detail))
-        cable = self._low.update(time, ~(tensions >= limits.tension_min))
-        if cable is not None:
-            detail = f"cable_{cable + 1} at {tensions[cable]:.0f} N, limit {limits.tension_min:g} N"
-            faults.append(Fault(FaultKind.TENSION_LOW, detail, controlled=True))
+    def _lasting_violations(self, time: float) -> list[Fault]:
+        limits, errors, tensions = self._limits, self.following_errors(), self._tensions
+        angle, speed, high, low = (
+            limits.following_error, limits.motor_speed, limits.tension_max, limits.tension_min
+        )  # fmt: skip
+        faults = []
+        for kind, within, values, text, limit in (
+            (FaultKind.FOLLOWING_ERROR, np.abs(errors) <= angle, errors,
+             "motor_{} is {:.2f} rad behind, limit {:g} rad", angle),
+            (FaultKind.OVERSPEED, np.abs(self._speeds) <= speed, self._speeds,
+             "motor_{} turns at {:.0f} rad/s, limit {:g} rad/s", speed),
+            (FaultKind.TENSION_HIGH, tensions <= high, tensions, "cable_{} at {:.0f} N, limit {:g} N", high),
+            (FaultKind.TENSION_LOW, tensions >= low, tensions, "cable_{} at {:.0f} N, limit {:g} N", low),
+        ):  # fmt: skip
+            worst = self._watches[kind].update(time, ~within)
+            if worst is not None:
+                detail = text.format(worst + 1, values[worst], limit)
+                faults.append(Fault(kind, detail, controlled=kind is FaultKind.TENSION_LOW))
         return faults
 
     def _implausible_cells(self, time: float) -> list[Fault]:
@@ -292,7 +277,8 @@ class SupervisionChecks:
         limits, tensions = self._limits, self._tensions
         torque_tensions = -self._torques / limits.pay_out
         difference = tensions - torque_tensions
-        cable = self._implausible.update(time, ~(np.abs(difference) <= limits.tension_difference))
+        watch = self._watches[FaultKind.LOAD_CELL]
+        cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))
         if cable is not None:
             detail = (
                 f"cable_{cable + 1} shows {tensions[cable]:.0f} N, the torque of its motor is that of "

@@ -277,9 +277,9 @@ def advertise(node: Node, topic: Topic) -> Publisher:
     return node.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
 
 
-def sample_publisher(node: Node, topic: Topic) -> Callable[[Any], None]:
-    """Create the publisher of a topic that does not depend on the robot, and return what publishes its samples."""
-    publish, encode = advertise(node, topic).publish, topic_codec(topic, 0).encode
+def sample_publisher(node: Node, topic: Topic, number_of_motors: int = 0) -> Callable[[Any], None]:
+    """Create the publisher of a topic, and return what publishes its samples; some depend on the number of motors."""
+    publish, encode = advertise(node, topic).publish, topic_codec(topic, number_of_motors).encode
     return lambda sample: publish(encode(sample))
 
 

@@ -126,29 +126,3 @@ def test_a_summary_says_what_a_bag_lacks(record: Callable[..., Path]) -> None:
         ControlError, match=r"lacks the estimated and the true payload on it, the driver's count"
     ):
         RunSummary.of(bare.metrics, controller="pd", exact_mass=False)
-
-
-def test_samples_of_a_simulated_run() -> None:
-    time = np.arange(0.0, 8.0, 0.004)
-    truth = np.where(time < 3.0, 100.0, 200.0)
-    estimate = np.where(time < 3.5, 100.0, 199.0)
-    error = np.radians(np.linspace(-10.0, 10.0, time.size)[:, None] * np.ones(8))
-    of_samples = RunSummary.of_samples(
-        time,
-        error,
-        estimate,
-        truth,
-        controller="pdff",
-        exact_mass=True,
-        trajectory="smooth-19",
-        latency=0.0015,
-    )
-    stored = of_samples.as_mapping()
-    assert stored.keys() == summary().as_mapping().keys()
-    assert stored["max_position_error_deg"] == pytest.approx([10.0] * 8)
-    assert stored["mass_settling_time_s"] == pytest.approx(0.5)
-    assert (stored["cycles"], stored["missed_cycles"]) == (2000, 0)
-    assert stored["rate_hz"] == pytest.approx(250.0)
-    assert stored["command_latency_us"]["p99"] == pytest.approx(1500.0)
-    assert of_samples.name == "pdff (exact mass)"
-    assert verdict(of_samples) == "good"

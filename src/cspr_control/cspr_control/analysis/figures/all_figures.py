@@ -70,11 +70,10 @@ def _trajectory(run: RunAnalysis) -> Figure | None:
     references = run.recording.references
     if references is None:
         return None
-    time, position = _in_window(run, references.time_ns, references.position)
+    pose = Pose.from_quaternion(references.position, references.quaternion_xyzw)
+    time, position, tilt = _in_window(run, references.time_ns, pose.position, np.degrees(pose.euler))
     if time.size < 2:
         return None
-    pose = Pose.from_quaternion(references.position, references.quaternion_xyzw)
-    _, tilt = _in_window(run, references.time_ns, np.degrees(pose.euler))
     poses = run.recording.poses
     measured = None if poses is None else _in_window(run, poses.time_ns, poses.position)
     return paper_figures.trajectory_figure(time, position, tilt, measured, run.metrics.trajectory)
@@ -83,14 +82,13 @@ def _trajectory(run: RunAnalysis) -> Figure | None:
 def _model_tensions(run: RunAnalysis) -> Figure | None:
     if run.predicted is None:
         return None
-    both = np.concatenate((run.predicted.dynamic, run.predicted.static), axis=1)
-    time, values = _in_window(run, run.predicted.time_ns, both)
+    time, dynamic, static = _in_window(
+        run, run.predicted.time_ns, run.predicted.dynamic, run.predicted.static
+    )
     if time.size < 2:
         return None
-    dynamic, static = np.split(values, 2, axis=1)
-    return paper_figures.tension_figure(
-        time, dynamic, static, f"Dynamic model along {run.metrics.trajectory}", run.load_changes()
-    )
+    title = f"Dynamic model along {run.metrics.trajectory}"
+    return paper_figures.tension_figure(time, dynamic, static, title, run.load_changes())
 
 
 def payload_change(run: RunAnalysis) -> tuple[MassChange, NDArray[np.int64], Floats] | None:
@@ -128,30 +126,27 @@ def _measured_tensions(run: RunAnalysis) -> Figure | None:
     tensions = run.recording.tensions
     if tensions is None or run.predicted is None:
         return None
-    both = np.concatenate((tensions.effort, run.predicted.dynamic_at(tensions.time_ns)), axis=1)
-    time, values = _in_window(run, tensions.time_ns, both)
+    predicted = run.predicted.dynamic_at(tensions.time_ns)
+    time, measured, predicted = _in_window(run, tensions.time_ns, tensions.effort, predicted)
     if time.size < 2:
         return None
-    measured, predicted = np.split(values, 2, axis=1)
     return run_figures.measured_tensions_figure(time, measured, predicted, run.load_changes())
 
 
 def _cable_lengths(run: RunAnalysis) -> Figure | None:
     states = run.recording.states
     time, angles = _in_window(run, states.time_ns, states.position)
-    if time.size < 2:
-        return None
-    return run_figures.cable_lengths_figure(time, run.recording.robot.winch.cable_lengths(angles))
+    lengths = run.recording.robot.winch.cable_lengths(angles)
+    return run_figures.cable_lengths_figure(time, lengths) if time.size > 1 else None
 
 
 def _motor_errors(run: RunAnalysis) -> Figure | None:
     if run.errors is None:
         return None
-    both = np.degrees(np.concatenate((run.errors.position, run.errors.velocity), axis=1))
-    time, values = _in_window(run, run.errors.time_ns, both)
+    errors = np.degrees(run.errors.position), np.degrees(run.errors.velocity)
+    time, position, velocity = _in_window(run, run.errors.time_ns, *errors)
     if time.size < 2:
         return None
-    position, velocity = np.split(values, 2, axis=1)
     return run_figures.motor_errors_figure(time, position, velocity, run.load_changes())
 
 
@@ -213,10 +208,12 @@ def nominal_period(run: RunAnalysis) -> float:
         return float(np.median(np.diff(run.recording.states.time_ns))) * 1e-9
 
 
-def _in_window(run: RunAnalysis, time_ns: NDArray[np.int64], values: Floats) -> tuple[Floats, Floats]:
-    """Return times in s and values on the trajectories, no more than a picture can show."""
+def _in_window(run: RunAnalysis, time_ns: NDArray[np.int64], *values: Floats) -> tuple[Floats, ...]:
+    """Return times (n,) in s and each of the values (n, k) on the trajectories, no more than a picture can show."""
     counted = run.recording.in_window(time_ns)
-    return envelope(run.recording.seconds(time_ns[counted]), values[counted], _POINTS)
+    time = run.recording.seconds(time_ns[counted])
+    parts = [envelope(time, each[counted], _POINTS) for each in values]
+    return parts[0][0], *(part for _, part in parts)
 
 
 _ONE_RUN: dict[str, Callable[[RunAnalysis], Figure | None]] = {

@@ -32,7 +32,7 @@ def trajectory_figure(
     time: Floats,
     position: Floats,
     tilt: Floats | None = None,
-    measured: tuple[Floats, Floats] | None = None,
+    measured: tuple[Floats, ...] | None = None,
     title: str = "Test trajectory",
 ) -> Figure:
     """Fig. 7: the path in space, and its coordinates over time.
@@ -79,9 +79,7 @@ def trajectory_figure(
     return figure
 
 
-def _draw_coordinates(
-    axis: Any, time: Floats, position: Floats, measured: tuple[Floats, Floats] | None
-) -> None:
+def _draw_coordinates(axis: Any, time: Floats, position: Floats, measured: tuple[Floats, ...] | None) -> None:
     for column, name in enumerate("xyz"):
         if measured is not None:
             axis.plot(time, position[:, column], color=REFERENCE_COLOUR, linewidth=2.0)
@@ -110,15 +108,9 @@ def tension_figure(
     changes
         When the payload changes, s, and how, such as ``+100 kg``.
     """
-    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
-    draw_cables(above, time, dynamic)
-    draw_cables(below, time, dynamic - static, label=False)
-    above.set(ylabel="tension, N", title=title)
-    below.set(ylabel="tension, N", xlabel="time, s", title="Deviation, dynamic less static model")
-    mark_times(above, changes)
-    mark_times(below, changes, label=False)
-    return figure
+    above = (dynamic, title, "tension, N")
+    below = (dynamic - static, "Deviation, dynamic less static model", "tension, N")
+    return two_panels(time, above, below, changes=changes)
 
 
 def deviation_figure(statistics: Mapping[str, ErrorStatistics]) -> Figure:
@@ -241,6 +233,25 @@ def motor_error_over_time_figure(
         list(handles.values()), [controller_title(name) for name in handles],
         loc="outside lower center", ncols=min(len(handles), 5),
     )  # fmt: skip
+    return figure
+
+
+def two_panels(
+    time: Floats,
+    above: tuple[Floats, str, str],
+    below: tuple[Floats, str, str],
+    changes: Mapping[float, str] | None = None,
+    name: str = "cable",
+) -> Figure:
+    """Draw two quantities of each cable or motor over time (n,), s: values (n, m), title and label of each."""
+    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True)
+    for axis, (values, title, label) in zip(axes, (above, below), strict=True):
+        upper = axis is axes[0]
+        draw_cables(axis, time, values, name, label=upper)
+        axis.set(ylabel=label, title=title)
+        mark_times(axis, changes, label=upper)
+    axes[1].set(xlabel="time, s")
     return figure
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cspr_control.analysis.figures.paper import draw_cables, mark_times
+from cspr_control.analysis.figures.paper import mark_times, two_panels
 from cspr_control.analysis.figures.style import (
     EVENT_COLOUR,
     REFERENCE_COLOUR,
@@ -101,28 +101,16 @@ def mass_figure(
 
 def cable_lengths_figure(time: Floats, lengths: Floats) -> Figure:
     """Length of each cable (n, m) by its motor's angle, m, and how it changes from the start."""
-    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
-    draw_cables(above, time, lengths)
-    draw_cables(below, time, lengths - lengths[0], label=False)
-    above.set(ylabel="length, m", title="Cable lengths")
-    below.set(ylabel="length, m", xlabel="time, s", title="Change from the start")
-    return figure
+    change = (lengths - lengths[0], "Change from the start", "length, m")
+    return two_panels(time, (lengths, "Cable lengths", "length, m"), change)
 
 
 def motor_errors_figure(
     time: Floats, position: Floats, velocity: Floats, changes: Mapping[float, str] | None = None
 ) -> Figure:
     """Position error, degrees, and velocity error, degrees/s, of each motor (n, m) over time."""
-    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
-    draw_cables(above, time, position, name="motor")
-    draw_cables(below, time, velocity, label=False)
-    above.set(ylabel="error, deg", title="Motor position error")
-    below.set(ylabel="error, deg/s", xlabel="time, s", title="Motor velocity error")
-    mark_times(above, changes)
-    mark_times(below, changes, label=False)
-    return figure
+    above = (position, "Motor position error", "error, deg")
+    return two_panels(time, above, (velocity, "Motor velocity error", "error, deg/s"), changes, "motor")
 
 
 def cycle_histogram_figure(periods: Mapping[str, Floats], nominal: float) -> Figure:

@@ -1,7 +1,7 @@
 """The summary of a run: what a user asks first of its metrics, under the keys of summary.json and as a table.
 
 Nothing is computed here: each number is one of `RunMetrics` or, for a run that was simulated without a bag, of the same
-functions.
+functions (`cspr_control.closed_loop.record`).
 """
 
 from __future__ import annotations
@@ -12,18 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.cycles import CycleMetrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
-from cspr_control.analysis.numbers.mass import MassMetrics, MassTrace, mass_metrics
+from cspr_control.analysis.numbers.mass import MassMetrics
 from cspr_control.analysis.numbers.metrics import RunMetrics
 from cspr_control.analysis.recording import Window
 from cspr_control.errors import ControlError
 from cspr_msgs_py.json_file import plain
 from cspr_msgs_py.vocabulary import controller_label
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,49 +75,6 @@ class RunSummary:
         return cls(
             controller, exact_mass, metrics.trajectory, metrics.window, position, mass, cycle, metrics.bag
         )
-
-    @classmethod
-    def of_samples(
-        cls,
-        time: Floats,
-        position_error: Floats,
-        mass_estimate: Floats,
-        mass_true: Floats,
-        *,
-        controller: str,
-        exact_mass: bool,
-        trajectory: str,
-        missed: int = 0,
-        latency: float = 0.0,
-        bag: str = "",
-    ) -> RunSummary:
-        """Return the summary of a run in simulated time, from its samples on the trajectory.
-
-        Parameters
-        ----------
-        time : ndarray, shape (n,)
-            Of each control cycle since the start of the trajectory, s; at least two.
-        position_error : ndarray, shape (n, m)
-            Demanded less measured angle of each motor, rad.
-        mass_estimate, mass_true : ndarray, shape (n,)
-            Payload as the feed-forward was told it, and as it was, kg.
-        controller, exact_mass, trajectory
-            What was run.
-        missed
-            Cycles in which not every motor was sent a command.
-        latency
-            From the motor states to the commands, s.
-        bag
-            Where it is recorded, if it is.
-        """
-        stamps = np.rint(time * 1e9).astype(np.int64)
-        mass = mass_metrics(MassTrace(stamps, mass_estimate), MassTrace(stamps, mass_true), 0)
-        if mass is None:
-            raise ControlError(f"the run on {trajectory} has no samples: there is nothing to summarise")
-        window = Window("trajectory", float(time[0]), float(time[-1]))
-        cycle = CycleMetrics.of(np.diff(time), missed, window, len(time), missed, *(3 * [latency * 1e6]))
-        errors = ErrorStatistics.of(np.degrees(position_error))
-        return cls(controller, exact_mass, trajectory, window, errors, mass, cycle, bag)
 
     @property
     def name(self) -> str:

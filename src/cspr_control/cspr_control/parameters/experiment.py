@@ -1,0 +1,62 @@
+"""What is run, live by the demo or in simulated time: a controller, a trajectory and a load."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cspr_control.reference.catalogue import TrajectoryName
+from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.vocabulary import Controller, PayloadSource, controller_label
+
+TRAJECTORIES = [
+    name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
+]
+
+
+class AddedPayload(NamedTuple):
+    """A payload change: mass in kg, time in s after the start of the trajectory."""
+
+    mass: float
+    time: float
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A controller on a trajectory with a load.
+
+    Attributes
+    ----------
+    controller, exact_mass
+        The controller, and whether its feed-forward is told the true mass.
+    trajectory
+        What the platform follows.
+    payload, added
+        Mass aboard from the start, kg, and what comes on top of it.
+    """
+
+    controller: Controller = Controller.PDFF_MASS
+    exact_mass: bool = False
+    trajectory: TrajectoryName = TrajectoryName.PAPER_19
+    payload: float = 100.0
+    added: tuple[AddedPayload, ...] = (AddedPayload(100.0, 3.0),)
+
+    @property
+    def label(self) -> str:
+        """The controller in words."""
+        return controller_label(self.controller.value, self.exact_mass)
+
+    def loads(self) -> Iterator[tuple[float, float]]:
+        """Yield when the load changes, s after the start of the trajectory, and the mass aboard from then on, kg."""
+        mass = self.payload
+        for added in sorted(self.added, key=lambda added: added.time):
+            mass += added.mass
+            yield added.time, mass
+
+    def choose(self, parameters: ParameterFile) -> None:
+        """Let parameters of the control nodes be those of the controller and the trajectory."""
+        # the truth comes over the same path as the estimate would
+        source = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
+        parameters.change("feedforward", {"model": str(self.controller.model), "payload_source": str(source)})
+        parameters.change("trajectory_publisher", {"trajectory": self.trajectory.value})
