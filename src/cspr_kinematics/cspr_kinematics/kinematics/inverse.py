@@ -90,7 +90,15 @@ def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
     fault, cable, member = cables_at_poses(robot.path_geometry, positions, rotations, *outputs)
     if fault != PATH_EXISTS:
         raise path_error(fault, cable, member, pose)
-    return Cables(*[*(in_batch(array, batch) for array in outputs), pose.position])
+    return Cables(
+        in_batch(lengths, batch),
+        in_batch(directions, batch),
+        in_batch(arms, batch),
+        in_batch(wrench_matrix, batch),
+        in_batch(jacobian, batch),
+        in_batch(free_lengths, batch),
+        pose.position,
+    )
 
 
 def cable_lengths(robot: Robot, pose: Pose) -> FloatArray:
