@@ -9,7 +9,7 @@ import pytest
 from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.supervision.checks import FaultKind
 from cspr_drivers.config.timeouts import Timeouts
-from cspr_drivers.drives.command_check import CommandFault
+from cspr_drivers.drives.torque_frames import CommandFault
 from cspr_msgs_py.parameters.table import TABLE
 
 ROOT = Path(__file__).parents[2]

@@ -130,7 +130,7 @@ class Candump:
 SLOW_DRIVERS = f"""
 import sys
 from cspr_drivers.clock import SlowClock
-from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
+from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL
 from cspr_drivers.nodes.drivers import create_nodes
 from cspr_msgs_py.runtime.process import run_nodes
 sys.setswitchinterval(SWITCH_INTERVAL)

@@ -6,10 +6,7 @@ import pytest
 from cspr_control.errors import MeasurementError, SettingError
 from cspr_control.estimation.payload import EstimatorSettings, Invalidity, PayloadEstimator
 from cspr_control.estimation.payload_measurement import measure_payload
-from cspr_control.estimation.pose import PoseEstimator
 from cspr_kinematics import (
-    ForwardKinematicsError,
-    InvalidInputError,
     Payload,
     Pose,
     distribute_tensions,
@@ -199,25 +196,3 @@ def test_tensions_that_cannot_be_used_are_refused(robot, tensions):
 def test_settings_are_checked(setting):
     with pytest.raises(SettingError, match=next(iter(setting))):
         EstimatorSettings(**setting)
-
-
-def test_pose_estimator_follows_the_motor_angles(robot, rng):
-    estimator = PoseEstimator(robot)
-    for step in range(20):
-        pose = Pose.from_euler(
-            np.add(robot.home.position, [0.02 * step, -0.01 * step, 0.01 * step]), 0.01 * step, 0.0, 0.02
-        )
-        angles = robot.winch.motor_angle(inverse_kinematics(robot, pose).lengths)
-        estimated = estimator.estimate(angles)
-        np.testing.assert_allclose(estimated.position, pose.position, atol=1e-7)
-        np.testing.assert_allclose(estimated.rotation, pose.rotation, atol=1e-7)
-
-
-def test_pose_estimator_refuses_what_fits_no_pose_and_goes_on(robot):
-    estimator = PoseEstimator(robot)
-    with pytest.raises(ForwardKinematicsError):
-        estimator.estimate(np.array([800.0, -800.0] * 4))
-    with pytest.raises(InvalidInputError):
-        estimator.estimate(np.full(8, np.nan))
-    assert estimator.failures == 1
-    np.testing.assert_allclose(estimator.estimate(np.zeros(8)).position, robot.home.position, atol=1e-8)

@@ -2,8 +2,7 @@
 
 import pytest
 
-from cspr_drivers.canopen.emergency import Emergency, after
-from cspr_drivers.canopen.emergency_codes import EMERGENCY_CODES, meaning, register_text
+from cspr_drivers.canopen.emergency import EMERGENCY_CODES, Emergency, after, meaning, register_text
 
 
 @pytest.mark.parametrize(

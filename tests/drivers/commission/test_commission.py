@@ -20,7 +20,7 @@ from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, FindingsFile, WinchFindings
 from cspr_drivers.commission.found_devices import FoundDevice
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
-from cspr_drivers.commission.operator import QUESTIONS
+from cspr_drivers.commission.operator import QUESTIONS, Operator
 from cspr_drivers.commission.program import commission, main
 from cspr_drivers.commission.single_drive import SingleDrive
 from cspr_drivers.config.can_config import CanConfig
@@ -95,7 +95,7 @@ class WinchBench:
         return self.pulls.copy()
 
 
-class Person:
+class Person(Operator):
     """Somebody who looks at the bench and tells what is to be seen there, and hangs weights on it."""
 
     def __init__(self, bench, machine, wait_until, **answers):

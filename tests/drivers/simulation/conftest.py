@@ -249,7 +249,7 @@ class LoadCellDesk(Desk):
             EDS / "cia404_load_cell.eds",
             self.machine,
             0,
-            LoadCellProperties(noise_std, np.array([gain_error]), np.array([offset])),
+            LoadCellProperties(noise_std, [gain_error], [offset], conversion_time=0.0),
             seed=1,
         )
         self.connect(self.cell)

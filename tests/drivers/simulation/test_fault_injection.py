@@ -22,7 +22,7 @@ def bus():
 @pytest.fixture
 def injector(desk, load_cell_desk, bus):
     """Return an injector for one drive, and for the load cell of another desk."""
-    return FaultInjector((desk.drive,), (load_cell_desk().cell,), desk.machine, {"main": bus})
+    return FaultInjector((desk.drive,), (load_cell_desk().cell,), desk.machine, {"main": bus.disturb})
 
 
 @pytest.mark.parametrize("fault", list(InjectedFault))

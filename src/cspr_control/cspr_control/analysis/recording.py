@@ -190,10 +190,11 @@ def read_recording(
     """
     path = find_bag(path)
     try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", BagWarning)
-            with Bag(path) as bag:
-                recording = _read(bag, path, robot_file, configuration_directory)
+        with (
+            warnings.catch_warnings(record=True, action="always", category=BagWarning) as caught,
+            Bag(path) as bag,
+        ):
+            recording = _read(bag, path, robot_file, configuration_directory)
     except BagError as error:
         raise ControlError(str(error)) from error
     damage = tuple(str(warning.message) for warning in caught if issubclass(warning.category, BagWarning))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +14,6 @@ from cspr_msgs_py.json_file import write_json
 METRICS = "metrics.json"
 REPORT = "report.html"
 FIGURES = "figures"
-
-
-@dataclass(frozen=True)
-class Results:
-    """Where the results lie: metrics.json, the pictures (PNG; an SVG beside each), report.html."""
-
-    metrics: Path
-    figures: tuple[Path, ...]
-    report: Path
 
 
 def default_directory(bags: Sequence[Path]) -> Path:
@@ -42,7 +32,7 @@ def write_results(
     *,
     figures: bool = True,
     progress: Callable[[str], None] | None = None,
-) -> Results:
+) -> list[Path]:
     """Write all results about runs into a directory; results of the same name there are replaced.
 
     Parameters
@@ -56,17 +46,18 @@ def write_results(
     progress
         Called with the name of what is written next.
 
+    Returns
+    -------
+    The pictures, PNG in `FIGURES`; an SVG lies beside each. The other results are `METRICS` and `REPORT`.
+
     Raises
     ------
     OSError
         If something cannot be written.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    metrics = directory / METRICS
-    write_json(metrics, metrics_mapping(runs))
-    report = directory / REPORT
+    write_json(directory / METRICS, metrics_mapping(runs))
     if progress is not None:
         progress(REPORT)
-    write_report(runs, report)
-    pictures = tuple(save_figures(runs, directory / FIGURES, progress)) if figures else ()
-    return Results(metrics, pictures, report)
+    write_report(runs, directory / REPORT)
+    return save_figures(runs, directory / FIGURES, progress) if figures else []

@@ -85,7 +85,7 @@ class BarePlant:
     def _cycle(self) -> None:
         self._advance()
         stamp, cells = self.time.system_ns(), self._config.load_cells
-        tensions = self.plant.tensions() * (1 + cells.gain_error) + cells.offset
+        tensions = self.plant.tensions() * (1 + np.array(cells.gain_error)) + cells.offset
         tensions += cells.noise_std * self._noise.standard_normal(self._m)
         self.publish(CABLE_TENSIONS, JointStateSample(stamp, _NONE, _NONE, tensions))
         before, self._angles = self._angles, self.plant.motor_angles()

@@ -27,11 +27,9 @@ from cspr_drivers.nodes.driver_messages import (
 )
 from cspr_drivers.simulation.bus.simulated_bus import SimulatedBus
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
-from cspr_drivers.simulation.devices.node import EmulatedNode
+from cspr_drivers.simulation.emulated_devices import EmulatedDevices
 from cspr_drivers.simulation.fault_injection import FaultInjector
 from cspr_drivers.simulation.plant.plant import Plant
-from cspr_drivers.simulation.plant.shared import SharedPlant
-from cspr_drivers.simulation.robot_emulator import emulated_devices
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload
 from cspr_msgs_py.topics import (
@@ -88,25 +86,22 @@ class SimulatedRobot:
         self.time = time
         self.config = can_config
         self.plant = Plant(simulation)
-        self.machine = SharedPlant(self.plant, simulation.payload_changes, time)
-        self.devices, self.amplifiers = emulated_devices(can_config, simulation, self.machine, eds)
+        self._emulated = EmulatedDevices(can_config, simulation, self.plant, eds, time)
+        self.machine = self._emulated.machine
+        self.devices, self.amplifiers = self._emulated.drives, self._emulated.load_cells
         self._buses = {
             bus.name: SimulatedBus(bus.name, bus.bitrate, time, self._sync) for bus in can_config.buses
         }
-        self._nodes: tuple[EmulatedNode, ...] = (*self.devices, *self.amplifiers)
-        buses = [drive.bus for drive in can_config.drives] + [cell.bus for cell in can_config.load_cells]
-        for bus, node in zip(buses, self._nodes, strict=True):
-            self._buses[bus].network.add_node(node)
-        self._conversion_time = simulation.load_cells.conversion_time
-        timings = {name: line.timing for name, line in self._buses.items()}
+        for name, line in self._buses.items():
+            self._emulated.join(name, line.network)
+        timings = {name: line.timing.disturb for name, line in self._buses.items()}
         self.faults = FaultInjector(self.devices, self.amplifiers, self.machine, timings)
         self.publish: Publish = lambda topic, sample: None
         self.on_tick: Callable[[], None] = lambda: None
         self.log: list[str] = []
         self._published: dict[Topic, tuple[object, float]] = {}
         self._cables = cable_names(len(can_config.load_cells))
-        for node in self._nodes:
-            node.power_on()
+        self._emulated.power_on()
         for line in self._buses.values():
             time.add(line)
             line.timing.passed(time.monotonic() + 1.0)  # the devices booted before the driver came
@@ -255,15 +250,9 @@ class SimulatedRobot:
 
     def _sync(self, network: object) -> None:
         """Let the devices of a network measure, and answer."""
-        moment = self.machine.now()
-        self.machine.advance(moment, exactly=True)
-        for drive in self.devices:
-            if drive.network is network:
-                drive.sync(moment)
-        cells = [cell for cell in self.amplifiers if cell.network is network]
-        for cell in cells:
-            cell.latch()
-        self.time.at(self.time.monotonic() + self._conversion_time, partial(self._answer, cells))
+        cells = self._emulated.measure(network, self.machine.now())
+        moment = self.time.monotonic() + self._emulated.conversion_time
+        self.time.at(moment, partial(self._answer, cells))
 
     def _answer(self, cells: Sequence[LoadCellEmulator]) -> None:
         for cell in cells:
@@ -272,8 +261,7 @@ class SimulatedRobot:
     def _tick(self) -> None:
         moment = self.machine.now()
         self.machine.advance(moment - _PLANT_LAG)
-        for node in self._nodes:
-            node.tick(moment)
+        self._emulated.tick(moment)
         self.on_tick()
 
 

@@ -1,1 +1,1 @@
-"""Pose of the platform and payload, from angles and tensions."""
+"""The payload, from the cable tensions."""

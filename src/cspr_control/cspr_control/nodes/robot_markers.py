@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,9 +34,10 @@ from cspr_control.markers.robot_markers import (
 )
 from cspr_control.motors.feedforward import checked_payload
 from cspr_control.nodes.parameters import declare_robot
+from cspr_control.parameters.experiment import TRAJECTORIES
 from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
-from cspr_kinematics import KinematicsError, Payload, Pose
+from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all
@@ -55,6 +57,7 @@ from cspr_msgs_py.topics import (
     REFERENCE,
     ROBOT_MARKERS,
     TRAJECTORY_STATE,
+    Topic,
     cable_names,
 )
 from cspr_msgs_py.vocabulary import Level
@@ -66,7 +69,6 @@ from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, Status
 _PERIOD = 0.1  # s
 _MAX_AGE = 0.5  # s; what is older is not shown
 _LIFETIME = 1.0  # s after which a viewer takes a marker away that is not repeated
-_PLANNED = {name for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)}
 
 _KINDS = {
     ShapeKind.LINES: Marker.LINE_LIST,
@@ -89,10 +91,7 @@ class RobotMarkers(Node):
             cable_names(self._robot.number_of_cables), position=False, velocity=False
         )
         self._reference_codec = ReferenceCodec()
-        self._pose: tuple[float, int, Pose] | None = None  # each with its time of arrival
-        self._payload: tuple[float, Payload] | None = None
-        self._tensions: tuple[float, bytes] | None = None
-        self._reference: tuple[float, bytes] | None = None
+        self._newest: dict[Topic, tuple[float, Any]] = {}  # with the time of arrival
         self._path: deque[NDArray[np.float64]] = deque(maxlen=round(trail / _PERIOD))
         self._trajectory_name = ""
         self._trajectory: Marker | None = None
@@ -103,30 +102,31 @@ class RobotMarkers(Node):
         subscribe_samples(self, PAYLOAD, self._on_payload)
         subscribe_samples(self, TRAJECTORY_STATE, self._on_trajectory_state)
         # decoded ten times a second, not each time that one arrives
-        subscribe_raw(self, CABLE_TENSIONS, self._on_tensions)
-        subscribe_raw(self, REFERENCE, self._on_reference)
+        for topic in (CABLE_TENSIONS, REFERENCE):
+            subscribe_raw(self, topic, partial(self._keep, topic))
         self._diagnostics = Diagnostics(self, self._status)
         self._timer = steady_timer(self, _PERIOD, self._publish)
 
     def _on_pose(self, sample: PoseSample) -> None:
         try:
             pose = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
-            self._pose = time.monotonic(), sample.stamp_ns, pose
+            self._keep(PLATFORM_POSE, (sample.stamp_ns, pose))
         except KinematicsError as error:
             self._problem = str(error)
 
     def _on_payload(self, sample: InertiaSample) -> None:
         try:
-            payload = checked_payload(PAYLOAD.name, sample.mass, sample.center_of_mass, np.inf)
-            self._payload = time.monotonic(), payload
+            self._keep(PAYLOAD, checked_payload(PAYLOAD.name, sample.mass, sample.center_of_mass, np.inf))
         except PayloadError as error:
             self._problem = str(error)
 
-    def _on_tensions(self, message: bytes) -> None:
-        self._tensions = time.monotonic(), message
+    def _keep(self, topic: Topic, value: Any) -> None:
+        self._newest[topic] = time.monotonic(), value
 
-    def _on_reference(self, message: bytes) -> None:
-        self._reference = time.monotonic(), message
+    def _recent(self, topic: Topic) -> Any:
+        """Return what a topic brought last; None if nothing, or too long ago."""
+        arrival, value = self._newest.get(topic, (-np.inf, None))
+        return value if time.monotonic() - arrival <= _MAX_AGE else None
 
     def _on_trajectory_state(self, status: Status) -> None:
         name = status.values.get("trajectory", "")
@@ -134,7 +134,7 @@ class RobotMarkers(Node):
             return
         self._trajectory_name = name
         self._trajectory = None
-        if name not in {planned.value for planned in _PLANNED}:
+        if name not in TRAJECTORIES:
             return
         # speeds do not change the path; where it runs is in the robot's file
         options = TrajectoryOptions(MotionLimits(1.0, 1.0, 1.0, 1.0), self._robot.home)
@@ -146,16 +146,15 @@ class RobotMarkers(Node):
         self._trajectory = _marker(trajectory_shape(trajectory))
 
     def _publish(self) -> None:
-        now = time.monotonic()
         markers = list(self._frame)
         if self._trajectory is not None:
             markers.append(self._trajectory)
         stamp = time.time_ns()
-        if self._pose is not None and now - self._pose[0] <= _MAX_AGE:
-            _, stamp, pose = self._pose
+        if (known := self._recent(PLATFORM_POSE)) is not None:
+            stamp, pose = known
             self._path.append(pose.position)
             try:
-                shapes = self._shapes(now, pose)
+                shapes = self._shapes(pose)
             except (KinematicsError, MessageError) as error:
                 self._problem = str(error)
                 shapes = [platform_shape(self._robot, pose)]
@@ -165,16 +164,16 @@ class RobotMarkers(Node):
             marker.header.stamp = Time(nanoseconds=stamp).to_msg()
         self._publisher.publish(message)
 
-    def _shapes(self, now: float, pose: Pose) -> list[Shape]:
+    def _shapes(self, pose: Pose) -> list[Shape]:
         robot, tensions = self._robot, None
         shapes = [platform_shape(robot, pose)]
-        if self._tensions is not None and now - self._tensions[0] <= _MAX_AGE:
-            tensions = decode_joint_state(self._tensions_codec, self._tensions[1]).effort
+        if (message := self._recent(CABLE_TENSIONS)) is not None:
+            tensions = decode_joint_state(self._tensions_codec, message).effort
         shapes.append(cable_shape(robot, pose, tensions))
-        if self._payload is not None and now - self._payload[0] <= _MAX_AGE:
-            shapes += payload_shapes(pose, self._payload[1])
-        if self._reference is not None and now - self._reference[0] <= _MAX_AGE:
-            sample = decode_reference(self._reference_codec, self._reference[1])
+        if (payload := self._recent(PAYLOAD)) is not None:
+            shapes += payload_shapes(pose, payload)
+        if (message := self._recent(REFERENCE)) is not None:
+            sample = decode_reference(self._reference_codec, message)
             reference = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
             shapes.append(reference_shape(robot, reference))
         if len(self._path) >= 2:
@@ -182,7 +181,7 @@ class RobotMarkers(Node):
         return shapes
 
     def _status(self) -> list[Status]:
-        known = self._pose is not None and time.monotonic() - self._pose[0] <= _MAX_AGE
+        known = self._recent(PLATFORM_POSE) is not None
         level, text = (Level.OK, "showing the robot") if known else (Level.STALE, "no platform pose")
         return [Status.of(self.get_name(), level, text, {"last_problem": self._problem})]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from cspr_control.components.trajectory import TrajectorySettings
 from cspr_control.estimation.payload import EstimatorSettings
@@ -18,7 +18,6 @@ from cspr_control.parameters.settings import (
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.parameters.table import CONTROL_RATE, SETPOINT_TIMEOUT, defaults
 
 
 @dataclass(frozen=True)
@@ -38,13 +37,13 @@ class ControlSettings:
     """
 
     trajectory: TrajectorySettings
-    period: float = 1.0 / CONTROL_RATE.default
-    feedforward: FeedforwardSettings = field(default_factory=FeedforwardSettings)
-    gains: MotorGains = field(default_factory=MotorGains)
-    setpoint_timeout: float = SETPOINT_TIMEOUT.default
-    pose_rate: float = defaults("pose_estimator")["rate"]
-    payload: EstimatorSettings = field(default_factory=EstimatorSettings)
-    supervision: SupervisionLimits = field(default_factory=SupervisionLimits)
+    period: float
+    feedforward: FeedforwardSettings
+    gains: MotorGains
+    setpoint_timeout: float
+    pose_rate: float
+    payload: EstimatorSettings
+    supervision: SupervisionLimits
 
 
 def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings:

@@ -9,7 +9,14 @@ from pathlib import Path
 
 from cspr_control.analysis.numbers.tables import format_runs
 from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, find_bag
-from cspr_control.analysis.results import default_directory, metrics_mapping, write_results
+from cspr_control.analysis.results import (
+    FIGURES,
+    METRICS,
+    REPORT,
+    default_directory,
+    metrics_mapping,
+    write_results,
+)
 from cspr_control.analysis.run_analysis import analyse_bags
 from cspr_control.errors import ControlError
 from cspr_msgs_py.json_file import write_json
@@ -51,7 +58,7 @@ def _run(options: argparse.Namespace) -> None:
         print(f"note: {remark}", file=sys.stderr)
     print(format_runs(runs))
     directory = options.output or default_directory([find_bag(bag) for bag in options.bags])
-    results = write_results(
+    pictures = write_results(
         runs,
         directory,
         figures=not options.no_figures,
@@ -60,10 +67,10 @@ def _run(options: argparse.Namespace) -> None:
     if options.json is not None:
         write_json(options.json, metrics_mapping(runs))
     show_progress("")
-    print(f"\nmetrics  {results.metrics}")
-    if results.figures:
-        print(f"figures  {directory / 'figures'} ({len(results.figures)}, each as PNG and SVG)")
-    print(f"report   {results.report}")
+    print(f"\nmetrics  {directory / METRICS}")
+    if pictures:
+        print(f"figures  {directory / FIGURES} ({len(pictures)}, each as PNG and SVG)")
+    print(f"report   {directory / REPORT}")
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -16,7 +16,7 @@ from typing import Any
 from cspr_control.analysis.numbers.run_summary import RunSummary, format_comparison, format_summary
 from cspr_control.analysis.numbers.tables import format_runs
 from cspr_control.analysis.recording import read_recording
-from cspr_control.analysis.results import FIGURES, default_directory, write_results
+from cspr_control.analysis.results import FIGURES, REPORT, default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.demo.child_processes import ChildProcesses
 from cspr_control.demo.ros_domain import claim_domain
@@ -265,15 +265,15 @@ def _report(runs: Sequence[RunAnalysis], figures: bool = True) -> None:
     """Write figures and report beside the bag, and say where; a run without them is a good run all the same."""
     directory = default_directory([run.recording.path for run in runs])
     try:
-        results = write_results(runs, directory, figures=figures)
+        pictures = write_results(runs, directory, figures=figures)
     except (ControlError, OSError) as problem:
         print(f"  report                none: {problem}\n")
     else:
-        if results.figures:
+        if pictures:
             print(
-                f"  figures               {_shown(directory / FIGURES)} ({len(results.figures)}, each as PNG and SVG)"
+                f"  figures               {_shown(directory / FIGURES)} ({len(pictures)}, each as PNG and SVG)"
             )
-        print(f"  report                {_shown(results.report)}\n")
+        print(f"  report                {_shown(directory / REPORT)}\n")
 
 
 def _shown(path: Path) -> Path:

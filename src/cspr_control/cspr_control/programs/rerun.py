@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from cspr_control.errors import ControlError
 from cspr_control.estimation.payload import UPDATE_PERIOD
@@ -121,18 +121,10 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
 def _warnings_in_one_line() -> Iterator[None]:
     """Say what is missing from a bag as everything else is said."""
 
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
+    def show(message: Warning | str, *rest: Any, **more: Any) -> None:
         print(f"rerun: {message}", file=sys.stderr)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", BagWarning)
+    with warnings.catch_warnings(action="always", category=BagWarning):
         warnings.showwarning = show
         yield
 

@@ -9,6 +9,9 @@ import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from queue import Empty, SimpleQueue
 
 import can
 import canopen
@@ -96,7 +99,7 @@ class CanPort:
         # Both clocks are read together at each SYNC, see `note_sync`.
         self._wall_to_monotonic = clock.monotonic() - clock.system()
         # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
-        self.network.listeners[:] = [_Receiver(self)]
+        self.network.listeners[:] = [Receiver(self.receive, self.receive_failed)]
         self.network.connect()
         self._forget_failure()
 
@@ -138,31 +141,23 @@ class CanPort:
             Time, s, until which the frame is worth sending: while the interface has no room for it, it is tried again
             until then.
         """
-        try:
-            with self.network.send_lock:
-                self._bus.send(message)
-        except can.CanError as error:
-            return self._send_again(message, error, deadline)
-        if self.failure:
-            self.failure = ""
-        return True
-
-    def _send_again(self, message: can.Message, error: can.CanError, deadline: float) -> bool:
-        while getattr(error, "error_code", None) in _NO_ROOM and self.clock.monotonic() < deadline:
-            self.send_retries += 1
-            self.clock.sleep(_RETRY_INTERVAL)
+        while True:
             try:
                 with self.network.send_lock:
                     self._bus.send(message)
-            except can.CanError as again:
-                error = again
-            else:
-                return True
-        self.send_errors += 1
-        if getattr(error, "error_code", None) in _NO_INTERFACE:
-            self.failure = str(error)
-        self.last_problem = f"sending COB-ID 0x{message.arbitration_id:03X}: {error}"
-        return False
+            except can.CanError as error:
+                code = getattr(error, "error_code", None)
+                if code in _NO_ROOM and self.clock.monotonic() < deadline:
+                    self.send_retries += 1
+                    self.clock.sleep(_RETRY_INTERVAL)
+                    continue
+                self.send_errors += 1
+                if code in _NO_INTERFACE:
+                    self.failure = str(error)
+                self.last_problem = f"sending COB-ID 0x{message.arbitration_id:03X}: {error}"
+                return False
+            self.failure = ""
+            return True
 
     def note_sync(self, now: float) -> None:
         """Align wall-clock stamps of received frames with the monotonic clock at `now`."""
@@ -224,17 +219,16 @@ class CanPort:
         return then if now - 1.0 < then < now else now
 
 
-class _Receiver:
-    """Called by python-can's receiving thread, for one port."""
+@dataclass(frozen=True)
+class Receiver:
+    """What python-can's receiving thread calls with frames, and with errors of the interface."""
 
-    def __init__(self, port: CanPort) -> None:
-        self._port = port
+    take: Callable[[can.Message], None]
+    on_error: Callable[[Exception], None]
 
     def __call__(self, message: can.Message) -> None:
-        self._port.receive(message)
-
-    def on_error(self, error: Exception) -> None:
-        self._port.receive_failed(error)
+        """Take a frame."""
+        self.take(message)
 
 
 class CanPorts:
@@ -250,8 +244,7 @@ class CanPorts:
 
     def __init__(self, ports: Iterable[CanPort]) -> None:
         self._ports = {port.name: port for port in ports}
-        self._sync_handlers: list[SyncHandler] = []
-        self._sync_locks: list[threading.Lock] = []
+        self._sync_handlers: list[tuple[SyncHandler, threading.Lock]] = []
         self._sync = CyclicFrame(SYNC_COB_ID)
         self._producing = False
         first = next(iter(self._ports.values()))
@@ -270,23 +263,20 @@ class CanPorts:
         All locks are taken before the time is: what a handler would have to wait for must not come between the
         time stamp of a SYNC and the SYNC, for speeds are differences of positions over these times.
         """
-        self._sync_handlers.append(handler)
-        self._sync_locks.append(lock)
+        self._sync_handlers.append((handler, lock))
 
     def off_sync(self, handler: SyncHandler) -> None:
         """Stop calling a handler."""
-        if handler in self._sync_handlers:
-            place = self._sync_handlers.index(handler)
-            del self._sync_handlers[place], self._sync_locks[place]
+        self._sync_handlers = [pair for pair in self._sync_handlers if pair[0] != handler]
 
     def send_sync(self) -> None:
         """Put SYNC on every bus."""
         self._producing = True
         with ExitStack() as locks:
-            for lock in self._sync_locks:
+            for _, lock in self._sync_handlers:
                 locks.enter_context(lock)
             now, stamp = self.clock.monotonic(), self.clock.system_ns()
-            for handler in self._sync_handlers:
+            for handler, _ in self._sync_handlers:
                 handler(now, stamp)
         for port in self._ports.values():
             port.note_sync(now)
@@ -296,9 +286,26 @@ class CanPorts:
         if self._producing:
             raise FrameError(f"another device sends SYNC as well ({len(data)} bytes)")
         stamp = self.clock.system_ns() - int(1e9 * (self.clock.monotonic() - now))
-        for handler, lock in zip(self._sync_handlers, self._sync_locks, strict=True):
+        for handler, lock in self._sync_handlers:
             with lock:
                 handler(now, stamp)
+
+    def hear(self, cob_id: int, wait: float) -> str:
+        """Return on which bus a frame of a COB-ID comes first, or an empty text if none comes for a time, s."""
+        heard: SimpleQueue[str] = SimpleQueue()
+
+        def note(bus: str, *_frame: object) -> None:
+            heard.put(bus)
+
+        for port in self:
+            port.subscribe(cob_id, partial(note, port.name))
+        try:
+            return heard.get(timeout=wait)
+        except Empty:
+            return ""
+        finally:
+            for port in self:
+                port.unsubscribe(cob_id)
 
     def close(self) -> None:
         """Close all buses."""

@@ -26,8 +26,8 @@ _OPEN_PROBLEMS = {
 }
 
 
-def open_ports(config: CanConfig, clock: Clock = COMPUTER) -> CanPorts:
-    """Open all buses of a configuration, timed by a clock.
+def open_ports(config: CanConfig, clock: Clock = COMPUTER, filtered: bool = True) -> CanPorts:
+    """Open all buses of a configuration, timed by a clock; unless `filtered`, frames of unknown nodes come in too.
 
     Raises
     ------
@@ -38,7 +38,8 @@ def open_ports(config: CanConfig, clock: Clock = COMPUTER) -> CanPorts:
     try:
         for bus in config.buses:
             known = _known_cob_ids(config, bus.name)
-            ports.append(CanPort(bus.name, open_bus(bus, known, clock), known, clock))
+            end = open_bus(bus, known if filtered else None, clock)
+            ports.append(CanPort(bus.name, end, known, clock))
     except BusError:
         for port in ports:
             port.close()

@@ -92,9 +92,8 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
         super().__init__(channel=channel, can_filters=filters)
         self._clock = clock
         self.dropped_frames = 0
-        self._gone = (
-            False  # the interface was removed; the receiving thread binds to the next one of its name
-        )
+        # Whether the interface was removed; the receiving thread binds to the next one of its name.
+        self._gone = False
         self._set_options()
 
     def _set_options(self) -> None:

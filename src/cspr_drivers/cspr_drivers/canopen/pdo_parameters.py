@@ -6,6 +6,8 @@ number; then what governs its transmission; then the COB-ID again, valid.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from cspr_drivers.canopen.frame_table import PdoLayout, TransmissionType
 from cspr_drivers.canopen.object_entry import Parameter, Setting
 
@@ -66,7 +68,7 @@ def pdo_setting(
     )
 
 
-def default_pdos(in_use: tuple[int, ...]) -> tuple[Parameter, ...]:
+def default_pdos(in_use: Collection[int]) -> tuple[Parameter, ...]:
     """Return the COB-ID entries of the default PDOs that are not in use; all of them must be not valid.
 
     Parameters

@@ -2,7 +2,9 @@
 
 Drives count encoder increments (6064h) and torque in thousandths of the rated torque (6071h, 6077h);
 amplifiers send the measured value with a fixed number of decimal digits (9130h, 6132h). Both directions stand
-here, so that driver and emulated device cannot disagree about scale or sign.
+here, so that driver and emulated device cannot disagree about scale or sign. The unit of velocities (606Ch) is what
+the drive says (60A9h, and 60A8h for positions): prefix, numerator, denominator and a reserved byte, highest first
+(CiA 402-2; codes of units and prefixes: CiA 303-2).
 """
 
 from __future__ import annotations
@@ -15,6 +17,17 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 _LARGEST = 2**31 - 1  # in 32 bits with a sign
+
+_REVOLUTION = 0xB4
+_INCREMENT = 0xB5
+_RADIAN = 0x10
+_SECOND = 0x03
+_MINUTE = 0x47
+
+_DURATION = {_SECOND: 1.0, _MINUTE: 60.0}
+
+INCREMENTS = _INCREMENT << 16
+"""60A8h of a drive that counts positions in encoder increments."""
 
 
 @dataclass(frozen=True)
@@ -90,3 +103,23 @@ class LoadCellUnits:
     def process_value(self, tension: float) -> int:
         """Return the process value nearest to a tension, N."""
         return round((tension + self.offset) / self.scale * 10.0**self.decimal_digits)
+
+
+def velocity_unit(code: int, encoder_increments: int) -> float | None:
+    """Return the velocity, rad/s, of one unit of 606Ch; `None` when the code is not known.
+
+    Parameters
+    ----------
+    code
+        Value of 60A9h.
+    encoder_increments
+        Increments per revolution of the motor shaft.
+    """
+    prefix, numerator, denominator = code >> 24, code >> 16 & 0xFF, code >> 8 & 0xFF
+    angles = {_REVOLUTION: 2.0 * math.pi, _INCREMENT: 2.0 * math.pi / encoder_increments, _RADIAN: 1.0}
+    if numerator not in angles or denominator not in _DURATION:
+        return None
+    exponent = prefix - 0x100 if prefix & 0x80 else prefix  # an INTEGER8: powers of ten
+    if abs(exponent) > 9:
+        return None
+    return 10.0**exponent * angles[numerator] / _DURATION[denominator]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import difflib
 import re
-from datetime import UTC, datetime
 from pathlib import Path
 
-from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings, replace_file
+from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.config.identity import Identity
 from cspr_drivers.errors import ConfigurationError
@@ -49,14 +48,6 @@ def difference(old: str, new: str, path: Path) -> str:
         old.splitlines(keepends=True), new.splitlines(keepends=True), str(path), f"{path} (new)", n=1
     )
     return "".join(lines)
-
-
-def write(path: Path, new: str) -> Path:
-    """Put the new text in place of the file; return where the old one is kept."""
-    kept = path.with_name(f"{path.name}.{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
-    kept.write_bytes(path.read_bytes())
-    replace_file(path, new)
-    return kept
 
 
 def _drive(winch: WinchFindings, torque_limit: float) -> str:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from cspr_drivers.commission.found_devices import FoundDevice
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.file_replacement import replace_file
 from cspr_drivers.errors import ConfigurationError
 
 _FORM = 1  # of the file; another one is not read
@@ -81,12 +82,10 @@ class Findings:
         """Forget devices that are no longer on the bus; return them."""
         found = set(present)
         gone: list[FoundDevice] = []
-        for place, winch in list(self.winches.items()):
-            if winch.device not in found:
-                gone.append(self.winches.pop(place).device)
-        for place, cell in list(self.cells.items()):
-            if cell.device not in found:
-                gone.append(self.cells.pop(place).device)
+        kinds: tuple[dict[int, Any], ...] = (self.winches, self.cells)
+        for kind in kinds:
+            for place in [place for place, finding in kind.items() if finding.device not in found]:
+                gone.append(kind.pop(place).device)
         return gone
 
 
@@ -155,13 +154,3 @@ class FindingsFile:
 
     def _unusable(self, problem: str) -> ConfigurationError:
         return ConfigurationError(f"{self.path}: cannot be resumed: {problem}; start over with --restart")
-
-
-def replace_file(path: Path, text: str) -> None:
-    """Write a file so that a loss of power leaves the old or the new one, and nothing in between."""
-    new = path.with_name(path.name + ".new")
-    with new.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    new.replace(path)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import can
 
@@ -60,21 +58,9 @@ def require_no_driver(ports: CanPorts, master_node_id: int, period: float) -> No
         As soon as its heartbeat is seen.
     """
     identifier = cob_id(FunctionCode.HEARTBEAT, master_node_id)
-    heard: list[str] = []
-    beat = threading.Event()
-
-    def hear(bus: str, *_frame: object) -> None:
-        heard.append(bus)
-        beat.set()
-
-    for port in ports:
-        port.network.subscribe(identifier, partial(hear, port.name))
-    beat.wait(10.0 * period)
-    for port in ports:
-        port.network.unsubscribe(identifier)
-    if heard:
+    if heard := ports.hear(identifier, 10.0 * period):
         raise BusError(
-            f"a driver is active on the CAN bus {heard[0]}: its heartbeat as node {master_node_id} "
+            f"a driver is active on the CAN bus {heard}: its heartbeat as node {master_node_id} "
             "was seen; stop it first"
         )
 
@@ -120,7 +106,7 @@ def scan(port: CanPort, master_node_id: int, wait: float) -> list[FoundDevice]:
 
 def _described(port: CanPort, nodes: list[int], timeout: float) -> Iterator[FoundDevice]:
     for node in nodes:
-        device = CanopenDevice(f"node {node} on {port.name}", port, node, timeout, on_boot=lambda: None)
+        device = CanopenDevice(f"node {node} on {port.name}", port, node, timeout)
         try:
             profile = device.read(Parameter(0x1000, 0, 32, 0, "device type")) & 0xFFFF
             values = [

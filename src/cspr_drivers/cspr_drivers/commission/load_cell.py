@@ -6,7 +6,7 @@ from cspr_drivers.canopen import cia404
 from cspr_drivers.canopen.object_entry import Parameter
 from cspr_drivers.config.can_config import LoadCellConfig
 from cspr_drivers.devices.device import CanopenDevice
-from cspr_drivers.devices.settings import load_cell_tare
+from cspr_drivers.devices.settings import LOAD_CELL_TARE
 from cspr_drivers.errors import DeviceError
 
 _SAMPLES = 25  # of a reading that counts: their mean has a fifth of the noise of one
@@ -60,7 +60,7 @@ class SingleLoadCell:
             If the reading is not zero afterwards.
         """
         before = self.reading()
-        self._device.write(load_cell_tare())
+        self._device.write(LOAD_CELL_TARE)
         after = self.reading()
         if abs(after) > _LARGEST_ZERO:
             raise DeviceError(self._device.name, f"shows {after:.1f} N after taring: is the cable at rest?")

@@ -7,8 +7,7 @@ from types import TracebackType
 
 from cspr_drivers.bus.can_bus import CanPorts, CyclicFrame
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
-
-_OPERATIONAL = b"\x05"  # CiA 301, section 7.2.8.3.2
+from cspr_drivers.canopen.nmt import NmtState
 
 
 class MasterHeartbeat:
@@ -26,7 +25,7 @@ class MasterHeartbeat:
 
     def __init__(self, ports: CanPorts, node_id: int, period: float) -> None:
         self._ports = ports
-        self._frame = CyclicFrame(cob_id(FunctionCode.HEARTBEAT, node_id), _OPERATIONAL)
+        self._frame = CyclicFrame(cob_id(FunctionCode.HEARTBEAT, node_id), bytes([NmtState.OPERATIONAL]))
         self._period = period
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)

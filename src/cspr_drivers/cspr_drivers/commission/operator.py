@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from cspr_drivers.errors import ConfigurationError, DriverError
 
@@ -15,12 +15,15 @@ class WalkStoppedError(DriverError):
     """The operator has ended the walk; what was found out until then is kept."""
 
 
-class Operator(Protocol):
-    """Who answers: a person at a terminal, or a file."""
+class Operator:
+    """A person at a terminal; subclasses answer in place of one.
+
+    Each kind of question has a method; what cannot be understood is asked again.
+    """
 
     def tell(self, text: str) -> None:
         """Show a text."""
-        ...
+        print(text, flush=True)
 
     def ask(self, key: str, question: str, default: str) -> str:
         """Return the answer to a question.
@@ -33,8 +36,16 @@ class Operator(Protocol):
             The question.
         default
             Answer that an empty line stands for; empty when there is none.
+
+        Raises
+        ------
+        WalkStoppedError
+            If nobody answers any more.
         """
-        ...
+        try:
+            return input(f"{question} ")
+        except EOFError:
+            raise WalkStoppedError(f"no answer to: {question.strip()}") from None
 
     def refuse(self, key: str, problem: str) -> None:
         """Say why an answer cannot be used; the question is then asked again.
@@ -44,90 +55,7 @@ class Operator(Protocol):
         ConfigurationError
             If nobody could give another answer.
         """
-        ...
-
-
-QUESTIONS = (
-    *(
-        "resume",
-        "keep",
-        "supported",
-        "turn",
-        "winch",
-        "way",
-        "mark",
-        "measured",
-        "pull",
-        "again",
-        "cell",
-        "slack",
-    ),
-    *("weights", "hang", "taken-off", "home", "write"),
-)
-"""What a walk asks: the first words of the keys, which a device or a number of a cable may follow after a point."""
-
-
-class FileOperator:
-    """Answers from a mapping of keys to answers, in place of a person.
-
-    Parameters
-    ----------
-    answers
-        An answer for each key, or a list of answers for a key that comes up more than once.
-    source
-        Where they come from, for messages.
-    show
-        Given each line that a person would see.
-    """
-
-    def __init__(self, answers: Mapping[str, object], source: str, show: Callable[[str], None]) -> None:
-        self._answers = {
-            key: list(value) if isinstance(value, list) else value for key, value in answers.items()
-        }
-        self._source = source
-        self._show = show
-
-    def tell(self, text: str) -> None:
-        """Show a text."""
-        self._show(text)
-
-    def ask(self, key: str, question: str, default: str) -> str:
-        """Return the answer of the file, or the default where the file has none.
-
-        Raises
-        ------
-        ConfigurationError
-            If there is neither.
-        """
-        answer = self._answers.get(key, default)
-        if isinstance(answer, list):
-            answer = answer.pop(0) if answer else default
-        if answer == "":
-            raise ConfigurationError(f"{self._source}: {key} is missing: {question}")
-        text = {True: "yes", False: "no"}[answer] if isinstance(answer, bool) else str(answer)
-        self._show(f"{question} {text}")
-        return text
-
-    def refuse(self, key: str, problem: str) -> None:
-        """End the walk: the file would give the same answer again."""
-        raise ConfigurationError(f"{self._source}: {key}: {problem}")
-
-
-class Questions:
-    """Questions with answers of one kind each; what cannot be understood is asked again.
-
-    Parameters
-    ----------
-    operator
-        Who answers.
-    """
-
-    def __init__(self, operator: Operator) -> None:
-        self._operator = operator
-
-    def tell(self, text: str) -> None:
-        """Show a text."""
-        self._operator.tell(text)
+        self.tell(f"   {problem}")
 
     def yes(self, key: str, question: str, default: str = "yes") -> bool:
         """Return whether the answer is yes."""
@@ -191,8 +119,67 @@ class Questions:
 
     def _until_understood(self, key: str, question: str, default: str, read: Callable[[str], _T]) -> _T:
         while True:
-            answer = self._operator.ask(key, question, default).strip() or default
+            answer = self.ask(key, question, default).strip() or default
             try:
                 return read(answer)
             except ValueError as error:
-                self._operator.refuse(key, f"'{answer}': {error}")
+                self.refuse(key, f"'{answer}': {error}")
+
+
+QUESTIONS = (
+    *(
+        "resume",
+        "keep",
+        "supported",
+        "turn",
+        "winch",
+        "way",
+        "mark",
+        "measured",
+        "pull",
+        "again",
+        "cell",
+        "slack",
+    ),
+    *("weights", "hang", "taken-off", "home", "write"),
+)
+"""What a walk asks: the first words of the keys, which a device or a number of a cable may follow after a point."""
+
+
+class FileOperator(Operator):
+    """Answers from a mapping of keys to answers, in place of a person.
+
+    Parameters
+    ----------
+    answers
+        An answer for each key, or a list of answers for a key that comes up more than once.
+    source
+        Where they come from, for messages.
+    """
+
+    def __init__(self, answers: Mapping[str, object], source: str) -> None:
+        self._answers = {
+            key: list(value) if isinstance(value, list) else value for key, value in answers.items()
+        }
+        self._source = source
+
+    def ask(self, key: str, question: str, default: str) -> str:
+        """Return the answer of the file, or the default where the file has none.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is neither.
+        """
+        answer = self._answers.get(key, default)
+        if isinstance(answer, list):
+            answer = answer.pop(0) if answer else default
+        if answer == "":
+            raise ConfigurationError(f"{self._source}: {key} is missing: {question}")
+        text = {True: "yes", False: "no"}[answer] if isinstance(answer, bool) else str(answer)
+        self.tell(f"{question} {text}")
+        return text
+
+    def refuse(self, key: str, problem: str) -> None:
+        """End the walk: the file would give the same answer again."""
+        raise ConfigurationError(f"{self._source}: {key}: {problem}")

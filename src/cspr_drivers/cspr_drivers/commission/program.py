@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts
-from cspr_drivers.bus.opening import open_bus
-from cspr_drivers.commission.configuration_file import difference, new_text, write
+from cspr_drivers.bus.opening import open_ports
+from cspr_drivers.commission.configuration_file import difference, new_text
 from cspr_drivers.commission.findings import Findings, FindingsFile
 from cspr_drivers.commission.found_devices import require_no_driver
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
-from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, Questions, WalkStoppedError
-from cspr_drivers.commission.walk import Machine, Walk
+from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, WalkStoppedError
+from cspr_drivers.commission.walk import Walk
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.config.file_errors import as_configuration_error
+from cspr_drivers.config.file_replacement import replace_and_keep
 from cspr_drivers.errors import DriverError
 from cspr_kinematics.configuration.structure import structured, unknown_key
 from cspr_kinematics.configuration.yaml_file import read_yaml
@@ -45,32 +45,13 @@ examples:
   cspr commission --restart                forget what an earlier walk has found"""
 
 
-class Terminal:
-    """A person at a terminal."""
-
-    def tell(self, text: str) -> None:
-        """Show a text."""
-        print(text, flush=True)
-
-    def ask(self, key: str, question: str, default: str) -> str:
-        """Return what is typed in answer to a question."""
-        try:
-            return input(f"{question} ")
-        except EOFError:
-            raise WalkStoppedError(f"no answer to: {question.strip()}") from None
-
-    def refuse(self, key: str, problem: str) -> None:
-        """Say why an answer cannot be used."""
-        print(f"   {problem}", flush=True)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the walk; returns the exit status: 0 done, 1 a problem, 2 wrong arguments, 130 interrupted."""
     options = _parse(arguments)
     previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def walk() -> int:
-        operator = Terminal() if options.answers is None else _answers(options.answers)
+        operator = Operator() if options.answers is None else _answers(options.answers)
         return commission(options.config, options.robot, operator, options.torque, options.restart)
 
     try:
@@ -105,51 +86,35 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
     if restart:
         kept.remove()
     findings = kept.load()
-    questions = Questions(operator)
-    if (findings.winches or findings.cells) and not questions.yes(
+    if (findings.winches or findings.cells) and not operator.yes(
         "resume",
         f"Go on with {kept.path} ({len(findings.winches)} winches, {len(findings.cells)} load cells)?",
     ):
         findings = Findings()
-    ports = _open(can)
+    ports = open_ports(can, filtered=False)
     try:
         require_no_driver(ports, can.master_node_id, can.timeouts.heartbeat_producer)
         with MasterHeartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
-            machine = Machine(can, ports, _pay_out(robot), torque)
-            Walk(machine, questions, findings, kept.save).run()
+            Walk(can, ports, _pay_out(robot), torque, operator, findings, kept.save).run()
     finally:
         ports.close()
-    return _write(config, can, findings, questions, kept)
+    return _write(config, can, findings, operator, kept)
 
 
-def _write(
-    path: Path, config: CanConfig, findings: Findings, questions: Questions, kept: FindingsFile
-) -> int:
+def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator, kept: FindingsFile) -> int:
     old = path.read_text(encoding="utf-8")
     new = new_text(old, config, findings)
-    questions.tell(f"8. {path}")
+    operator.tell(f"8. {path}")
     changes = difference(old, new, path)
     if not changes:
-        questions.tell("   nothing changes: the machine is what the file says")
+        operator.tell("   nothing changes: the machine is what the file says")
     else:
-        questions.tell(changes)
-        if not questions.yes("write", "   Write it?"):
+        operator.tell(changes)
+        if not operator.yes("write", "   Write it?"):
             raise WalkStoppedError(f"{path} is unchanged; the findings are kept in {kept.path}")
-        questions.tell(f"   written; the old file is {write(path, new)}")
+        operator.tell(f"   written; the old file is {replace_and_keep(path, new)}")
     kept.remove()
     return 0
-
-
-def _open(config: CanConfig) -> CanPorts:
-    ports: list[CanPort] = []
-    try:
-        for bus in config.buses:
-            ports.append(CanPort(bus.name, open_bus(bus)))
-    except DriverError:
-        for port in ports:
-            port.close()
-        raise
-    return CanPorts(ports)
 
 
 def _pay_out(robot: Path) -> float:
@@ -166,7 +131,7 @@ def _answers(path: Path) -> FileOperator:
                 raise ConfigurationFileError(
                     str(path), key, value, unknown_key(key.partition(".")[0], QUESTIONS)
                 )
-    return FileOperator(content, str(path), print)
+    return FileOperator(content, str(path))
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -8,10 +8,11 @@ from types import TracebackType
 
 from cspr_drivers.canopen import cia402
 from cspr_drivers.canopen.cia402 import State, Target
+from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.canopen.object_entry import Parameter
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.devices.device import CanopenDevice, NmtCommand
-from cspr_drivers.devices.settings import drive_mode, milliseconds
+from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.devices.settings import DRIVE_MODE, milliseconds
 from cspr_drivers.errors import DeviceError
 
 _STATUS_WORD = Parameter(0x6041, 0, 16, 0, "statusword")
@@ -73,7 +74,7 @@ class SingleDrive:
             Parameter(0x6060, 0, 8, cia402.CYCLIC_SYNCHRONOUS_TORQUE, "modes of operation", signed=True),
         ):
             self._device.write(parameter)
-        self._device.wait_for(drive_mode())
+        self._device.wait_for(DRIVE_MODE)
         return self
 
     def __exit__(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from cspr_drivers.bus.can_bus import CanPorts
 from cspr_drivers.canopen import cia402, cia404
@@ -12,7 +11,7 @@ from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings, commissioned
 from cspr_drivers.commission.found_devices import FoundDevice, scan
 from cspr_drivers.commission.load_cell import SingleLoadCell
-from cspr_drivers.commission.operator import Questions, WalkStoppedError
+from cspr_drivers.commission.operator import Operator, WalkStoppedError
 from cspr_drivers.commission.single_drive import SingleDrive
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice
@@ -25,11 +24,10 @@ HOLD_TIME = 2.0  # s for which it is watched
 _CLEAR_PULL = 5.0  # N by which a pull must change a reading
 
 
-@dataclass(frozen=True)
-class Machine:
-    """What the walk has to know about the machine and is told.
+class Walk:
+    """All steps, in order.
 
-    Attributes
+    Parameters
     ----------
     config
         The present `can.yaml`: buses, number of winches, times.
@@ -39,23 +37,8 @@ class Machine:
         Cable per radian of the motor, m/rad.
     torque_share
         Largest torque of any step, in units of the rated torque.
-    """
-
-    config: CanConfig
-    ports: CanPorts
-    pay_out: float
-    torque_share: float
-
-
-class Walk:
-    """All steps, in order.
-
-    Parameters
-    ----------
-    machine
-        The machine.
-    questions
-        The operator.
+    operator
+        Who is asked.
     findings
         What is known already; it is filled.
     keep
@@ -63,16 +46,25 @@ class Walk:
     """
 
     def __init__(
-        self, machine: Machine, questions: Questions, findings: Findings, keep: Callable[[Findings], None]
+        self,
+        config: CanConfig,
+        ports: CanPorts,
+        pay_out: float,
+        torque_share: float,
+        operator: Operator,
+        findings: Findings,
+        keep: Callable[[Findings], None],
     ) -> None:
-        self._machine = machine
-        self._config = machine.config
-        self._ask = questions
+        self._config = config
+        self._ports = ports
+        self._pay_out = pay_out
+        self._torque_share = torque_share
+        self._ask = operator
         self._findings = findings
         self._save = keep
         self._present: list[FoundDevice] = []
         self._devices: dict[tuple[str, int], CanopenDevice] = {}
-        self._places = range(1, len(machine.config.drives) + 1)
+        self._places = range(1, len(config.drives) + 1)
 
     def run(self) -> None:
         """Do what is not done yet.
@@ -100,7 +92,7 @@ class Walk:
         self._ask.tell("1. Nodes on the bus")
         self._present = [
             device
-            for port in self._machine.ports
+            for port in self._ports
             for device in scan(port, config.master_node_id, max(0.5, 2.0 * config.timeouts.sdo))
         ]
         for device in self._present:
@@ -137,13 +129,12 @@ class Walk:
 
     def identify_winches(self) -> None:
         """Find out which drive turns which winch, and in which direction it counts."""
-        done = {winch.device for winch in self._findings.winches.values()}
-        left = [d for d in self._of_profile(cia402.DEVICE_PROFILE) if d not in done]
+        left = self._unknown(cia402.DEVICE_PROFILE)
         if not left:
             return
         self._ask.tell(
             "2. Winches. One at a time opens its brake and turns by half a revolution of the motor, with at most "
-            f"{100 * self._machine.torque_share:g} % of the rated torque. Keep clear of the cables."
+            f"{100 * self._torque_share:g} % of the rated torque. Keep clear of the cables."
         )
         self._ask.done("supported", "Let the platform rest on its supports, the cables just taut.")
         for device in left:
@@ -177,7 +168,7 @@ class Walk:
         """Compare the way of each cable with the one that encoder, gear and drum make it."""
         if all(winch.scale_checked for winch in self._findings.winches.values()):
             return
-        way = 1e3 * self._machine.pay_out * 2.0 * math.pi * SCALE_WAY  # mm
+        way = 1e3 * self._pay_out * 2.0 * math.pi * SCALE_WAY  # mm
         self._ask.tell(f"3. Encoder scale. Each cable is paid out by {way:.1f} mm and taken up again.")
         for place, winch in sorted(self._findings.winches.items()):
             if not winch.scale_checked:
@@ -205,8 +196,7 @@ class Walk:
 
     def identify_cells(self) -> None:
         """Find out which amplifier belongs to which cable."""
-        free = [d for d in self._of_profile(cia404.DEVICE_PROFILE) if d not in self._cells_known()]
-        if not free:
+        if not self._unknown(cia404.DEVICE_PROFILE):
             return
         self._ask.tell("4. Load cells. Pull on one cable after the other, by hand.")
         for place in self._places:
@@ -215,7 +205,7 @@ class Walk:
 
     def _identify_cell(self, place: int) -> None:
         while True:
-            free = [d for d in self._of_profile(cia404.DEVICE_PROFILE) if d not in self._cells_known()]
+            free = self._unknown(cia404.DEVICE_PROFILE)
             before = [self._cell(device, place).glance() for device in free]
             self._ask.done(f"pull.{place}", f"   Pull on cable {place}, and go on pulling.")
             changes = [
@@ -329,8 +319,11 @@ class Walk:
     def _of_profile(self, profile: int) -> list[FoundDevice]:
         return [device for device in self._present if device.profile == profile]
 
-    def _cells_known(self) -> list[FoundDevice]:
-        return [cell.device for cell in self._findings.cells.values()]
+    def _unknown(self, profile: int) -> list[FoundDevice]:
+        """Return the devices of which it is not known yet to which cable they belong."""
+        known = [winch.device for winch in self._findings.winches.values()]
+        known += [cell.device for cell in self._findings.cells.values()]
+        return [device for device in self._of_profile(profile) if device not in known]
 
     def _name(self, device: FoundDevice) -> str:
         """Return a name for keys and choices; with one bus the node id is enough."""
@@ -342,15 +335,14 @@ class Walk:
         if place not in self._devices:
             self._devices[place] = CanopenDevice(
                 f"node {found.node_id} on {found.bus}",
-                self._machine.ports[found.bus],
+                self._ports[found.bus],
                 found.node_id,
                 self._config.timeouts.sdo,
-                on_boot=lambda: None,
             )
         return self._devices[place]
 
     def _drive(self, found: FoundDevice) -> SingleDrive:
-        return SingleDrive(self._device(found), self._config, self._machine.torque_share)
+        return SingleDrive(self._device(found), self._config, self._torque_share)
 
     def _cell(self, found: FoundDevice, place: int) -> SingleLoadCell:
         return SingleLoadCell(self._device(found), self._config.load_cells[place - 1])

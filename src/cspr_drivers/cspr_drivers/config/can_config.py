@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
 from cspr_drivers.canopen.frame_table import PdoLayout
 from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
-from cspr_drivers.config.can_file import STANDARD_LAYOUTS, CanFile, CanValues, faults
+from cspr_drivers.config.can_file import (
+    STANDARD_LAYOUTS,
+    CanFile,
+    CanValues,
+    DriveEntry,
+    LoadCellEntry,
+    faults,
+)
 from cspr_drivers.config.file_errors import as_configuration_error
 from cspr_drivers.config.identity import Identity
 from cspr_kinematics.configuration.structure import structured
 from cspr_kinematics.configuration.yaml_file import parse_yaml, read_yaml
 from cspr_kinematics.errors import ConfigurationFileError
+
+Units = TypeVar("Units", DriveUnits, LoadCellUnits)
 
 
 @dataclass(frozen=True)
@@ -31,17 +40,17 @@ class BusConfig:
 
 
 @dataclass(frozen=True)
-class DriveConfig:
-    """The drive of one motor.
+class DeviceConfig(Generic[Units]):
+    """The drive of one motor, or the amplifier of one cable's load cell.
 
     Attributes
     ----------
     name
-        ``motor_1`` for the first in the list.
+        ``motor_1`` or ``cable_1`` for the first in the list.
     bus, node_id
         Name of its bus, and its CANopen node id there.
     units
-        Scale and sign of its counts and torques.
+        Scale and sign of its counts and torques, or scale and zero of its tensions.
     identity
         What its identity object must hold; `None` before the machine is commissioned.
     """
@@ -49,25 +58,15 @@ class DriveConfig:
     name: str
     bus: str
     node_id: int
-    units: DriveUnits
+    units: Units
     identity: Identity | None = None
 
     def __str__(self) -> str:
         return f"{self.name} (node {self.node_id} on {self.bus})"
 
 
-@dataclass(frozen=True)
-class LoadCellConfig:
-    """The amplifier of one cable's load cell; attributes as for `DriveConfig`, named ``cable_1``.."""
-
-    name: str
-    bus: str
-    node_id: int
-    units: LoadCellUnits
-    identity: Identity | None = None
-
-    def __str__(self) -> str:
-        return f"{self.name} (node {self.node_id} on {self.bus})"
+DriveConfig = DeviceConfig[DriveUnits]
+LoadCellConfig = DeviceConfig[LoadCellUnits]
 
 
 @dataclass(frozen=True)
@@ -141,15 +140,21 @@ def _config(mapping: object, source: str) -> CanConfig:
         **{field.name: getattr(file, field.name) for field in dataclasses.fields(CanValues)},
         source=source,
         buses=tuple(BusConfig(name, **vars(bus)) for name, bus in file.buses.items()),
-        drives=tuple(
-            DriveConfig(f"motor_{k}", e.bus, e.node_id, _part(e, DriveUnits), e.identity)
-            for k, e in enumerate(file.drives, start=1)
-        ),
-        load_cells=tuple(
-            LoadCellConfig(f"cable_{k}", e.bus, e.node_id, _part(e, LoadCellUnits), e.identity)
-            for k, e in enumerate(file.load_cells, start=1)
-        ),
+        drives=_devices("motor", file.drives, DriveUnits),
+        load_cells=_devices("cable", file.load_cells, LoadCellUnits),
         pdo=PdoConfig(**{key: _layout(key, names) for key, names in vars(file.pdo).items()}),
+    )
+
+
+def _devices(
+    kind: str, entries: Sequence[DriveEntry | LoadCellEntry], units: type[Units]
+) -> tuple[DeviceConfig[Units], ...]:
+    """Return the devices of a list; their units are what the base class of the entries declares."""
+    return tuple(
+        DeviceConfig(
+            f"{kind}_{k}", e.bus, e.node_id, msgspec.convert(e, units, from_attributes=True), e.identity
+        )
+        for k, e in enumerate(entries, start=1)
     )
 
 
@@ -157,8 +162,3 @@ def _layout(key: str, names: list[str]) -> Any:
     """Return the objects of a frame in the order that the configuration gives them; `None` where it gives none."""
     known = {entry.name: entry for entry in STANDARD_LAYOUTS[key].objects}
     return PdoLayout(tuple(known[name] for name in names)) if names else None
-
-
-_part = functools.partial(
-    msgspec.convert, from_attributes=True
-)  # of an entry, what a base class of it declares

@@ -28,6 +28,10 @@ class CycleClock:
     ----------
     period, tick
         As given.
+    skipped
+        Moments that were left out since the last `clear`.
+    worst_lateness
+        Largest delay of a call behind its moment since the last `clear`, s.
     """
 
     def __init__(self, period: float, tick: Callable[[float], None], clock: Clock = COMPUTER) -> None:
@@ -36,8 +40,8 @@ class CycleClock:
         self._clock = clock
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="cycle clock", daemon=True)
-        self._skipped = 0
-        self._worst_lateness = 0.0
+        self.skipped = 0
+        self.worst_lateness = 0.0
 
     def start(self) -> None:
         """Begin to call."""
@@ -51,23 +55,13 @@ class CycleClock:
 
     def clear(self) -> None:
         """Restart the statistics."""
-        self._skipped = 0
-        self._worst_lateness = 0.0
+        self.skipped = 0
+        self.worst_lateness = 0.0
 
     @property
     def running(self) -> bool:
         """Whether the clock is calling."""
         return self._thread.is_alive()
-
-    @property
-    def skipped(self) -> int:
-        """Moments that were left out since the last `clear`."""
-        return self._skipped
-
-    @property
-    def worst_lateness(self) -> float:
-        """Largest delay of a call behind its moment since the last `clear`, s."""
-        return self._worst_lateness
 
     def _run(self) -> None:
         due = self._clock.monotonic()
@@ -76,11 +70,11 @@ class CycleClock:
             if now < due:
                 self._clock.sleep(due - now)
                 now = self._clock.monotonic()
-            self._worst_lateness = max(self._worst_lateness, now - due)
+            self.worst_lateness = max(self.worst_lateness, now - due)
             self.tick(now)
             due += self.period
             behind = self._clock.monotonic() - due
             if behind > self.period:
                 left_out = int(behind / self.period)
-                self._skipped += left_out
+                self.skipped += left_out
                 due += left_out * self.period

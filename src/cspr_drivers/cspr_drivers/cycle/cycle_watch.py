@@ -7,9 +7,9 @@ its last feedback frame to the last of its m commands. Times are arguments, in s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from cspr_drivers.cycle.latency import LatencyHistogram, LatencySummary
+from cspr_drivers.cycle.latency import NO_LATENCY, LatencyHistogram, LatencySummary
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class AnswerCounts:
     missing: int
 
 
-@dataclass(frozen=True)
+@dataclass
 class CycleStatistics:
     """Counts since the last `clear`.
 
@@ -53,14 +53,14 @@ class CycleStatistics:
         Of each drive.
     """
 
-    cycles: int
-    missed_cycles: int
-    incomplete_cycles: int
-    late_commands: int
-    repeated_feedback: int
-    late_feedback: int
-    latency: LatencySummary
-    answers: tuple[AnswerCounts, ...]
+    cycles: int = 0
+    missed_cycles: int = 0
+    incomplete_cycles: int = 0
+    late_commands: int = 0
+    repeated_feedback: int = 0
+    late_feedback: int = 0
+    latency: LatencySummary = NO_LATENCY
+    answers: tuple[AnswerCounts, ...] = ()
 
 
 class CycleWatch:
@@ -77,7 +77,6 @@ class CycleWatch:
     def __init__(self, motors: int, frames: int = 1) -> None:
         self._motors = motors
         self._frames = motors * frames
-        self._histogram = LatencyHistogram()
         self._owed = [0] * self._frames  # answers to earlier SYNC frames that may still come
         self._taken_as_late: set[int] = set()
         self._answered: set[int] = set()
@@ -98,18 +97,12 @@ class CycleWatch:
         self._taken_as_late = set()
         self._answered = set()
         self._commanded = set()
-        self._last_feedback = 0.0
-        self._last_command = 0.0
+        self._last_feedback = self._last_command = 0.0
 
     def clear(self) -> None:
         """Restart the statistics; the present cycle goes on and is counted when it ends."""
-        self._cycles = 0
-        self._missed = 0
-        self._incomplete = 0
-        self._late_commands = 0
-        self._repeated_feedback = 0
-        self._late_feedback = 0
-        self._histogram.clear()
+        self._counts = CycleStatistics()
+        self._histogram = LatencyHistogram()
         self._ended = 0
         self._missing = [0] * self._frames
         self._late = [0] * self._frames
@@ -118,11 +111,11 @@ class CycleWatch:
         """End the present cycle, which enters the statistics when `counted`, and begin the next."""
         self._ended += self._begun
         if counted:
-            self._cycles += 1
+            self._counts.cycles += 1
             if len(self._answered) < self._frames:
-                self._incomplete += 1
+                self._counts.incomplete_cycles += 1
             if len(self._commanded) < self._motors:
-                self._missed += 1
+                self._counts.missed_cycles += 1
             else:
                 self._histogram.add(max(0.0, self._last_command - self._last_feedback))
         self._begin()
@@ -137,14 +130,14 @@ class CycleWatch:
             return False
         self._owed[index] -= 1
         self._taken_as_late.add(index)
-        self._late_feedback += 1
+        self._counts.late_feedback += 1
         self._late[index] += 1
         return True
 
     def feedback(self, index: int, time: float) -> bool:
         """Note the feedback of a drive, on the bus at `time`; return whether it was the last one missing."""
         if index in self._answered:
-            self._repeated_feedback += 1
+            self._counts.repeated_feedback += 1
             return False
         self._answered.add(index)
         self._last_feedback = max(self._last_feedback, time)
@@ -153,7 +146,7 @@ class CycleWatch:
     def command(self, index: int, fresh: bool, time: float) -> None:
         """Note that a command was put on the bus at `time`."""
         if not fresh:
-            self._late_commands += 1
+            self._counts.late_commands += 1
         elif index not in self._commanded:
             self._commanded.add(index)
             self._last_command = max(self._last_command, time)
@@ -165,18 +158,10 @@ class CycleWatch:
 
     def statistics(self) -> CycleStatistics:
         """Return the counts so far."""
-        return CycleStatistics(
-            self._cycles,
-            self._missed,
-            self._incomplete,
-            self._late_commands,
-            self._repeated_feedback,
-            self._late_feedback,
-            self._histogram.summary(),
-            tuple(map(self._counts, range(self._motors))),
-        )
+        answers = tuple(map(self._answers, range(self._motors)))
+        return replace(self._counts, latency=self._histogram.summary(), answers=answers)
 
-    def _counts(self, motor: int) -> AnswerCounts:
+    def _answers(self, motor: int) -> AnswerCounts:
         missing = max(self._missing[motor :: self._motors])
         # A drive that answers in two frames is late in both.
         return AnswerCounts(self._ended - missing, max(self._late[motor :: self._motors]), missing)

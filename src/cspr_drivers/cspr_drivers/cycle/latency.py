@@ -14,10 +14,13 @@ BINS = 5000  # 50 ms; anything later counts in the last bin, its exact value in 
 class LatencySummary:
     """Median, 99th percentile and maximum, s, of `count` latencies; all zero when there were none."""
 
-    count: int
-    p50: float
-    p99: float
-    maximum: float
+    count: int = 0
+    p50: float = 0.0
+    p99: float = 0.0
+    maximum: float = 0.0
+
+
+NO_LATENCY = LatencySummary()
 
 
 class LatencyHistogram:
@@ -33,12 +36,6 @@ class LatencyHistogram:
         self._counts[min(BINS - 1, max(0, int(latency / BIN)))] += 1
         self._count += 1
         self._maximum = max(self._maximum, latency)
-
-    def clear(self) -> None:
-        """Remove all latencies."""
-        self._counts = np.zeros(BINS, dtype=np.int64)
-        self._count = 0
-        self._maximum = 0.0
 
     def summary(self) -> LatencySummary:
         """Return the distribution so far; percentiles are the upper edge of their bin."""

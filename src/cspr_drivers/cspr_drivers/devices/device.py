@@ -2,41 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable
-from enum import Enum
 from queue import Empty
-from typing import TypeVar
+from typing import Any
 
 import can
 import canopen
 
 from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.canopen.nmt import NmtCommand, NmtState, nmt_state_text
 from cspr_drivers.canopen.object_entry import Parameter, Setting
 from cspr_drivers.clock import Clock
 from cspr_drivers.config.timeouts import Timeouts
-from cspr_drivers.errors import DeviceError, WrongDeviceError
+from cspr_drivers.errors import DeviceError
 
-BOOT_UP = 0  # NMT state in the heartbeat of a device that has just started (CiA 301, section 7.2.8.3.3)
-STOPPED = 4
-OPERATIONAL = 5  # and of one that takes part in the exchange of PDOs (section 7.2.8.3.2)
-
-_NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
-
-_ATTEMPTS = (
-    2  # for a request that does no harm when the device has carried it out and only the answer was lost
-)
+# For a request that does no harm when the device has carried it out and only the answer was lost.
+_ATTEMPTS = 2
 
 # Abort codes with which a device says that it does not have an object (CiA 301, section 7.2.4.3.17).
 _ABSENT = (0x0602_0000, 0x0609_0011)
-
-_T = TypeVar("_T")
-
-
-class NmtCommand(Enum):
-    """NMT commands in use; the value is canopen's name for the state they lead to."""
-
-    START = "OPERATIONAL"
-    ENTER_PRE_OPERATIONAL = "PRE-OPERATIONAL"
 
 
 class _SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # canopen's classes count as untyped
@@ -86,7 +71,7 @@ class CanopenDevice:
         port: CanPort,
         node_id: int,
         sdo_timeout: float,
-        on_boot: Callable[[], None],
+        on_boot: Callable[[], None] = lambda: None,
         on_emergency: Callable[[int, int, bytes], None] | None = None,
     ) -> None:
         self.name = name
@@ -121,7 +106,7 @@ class CanopenDevice:
         DeviceError
             If the device does not answer, or refuses.
         """
-        return parameter.decode(self._transfer(parameter, self._upload, "read", _ATTEMPTS))
+        return parameter.decode(self._transfer(parameter, "read", _ATTEMPTS, self._node.sdo.upload))
 
     def read_if_present(self, parameter: Parameter) -> int | None:
         """Return the number in an object, `None` if the device has no such object; else as `read`."""
@@ -132,50 +117,31 @@ class CanopenDevice:
                 return None
             raise
 
-    def check(self, expected: Iterable[Parameter]) -> None:
+    def check(self, expected: Iterable[Parameter], error: type[DeviceError] = DeviceError) -> None:
         """Read objects and compare them.
 
         Raises
         ------
         DeviceError
-            If the device does not answer, lacks an object, or one has another value than expected.
+            If the device does not answer, or lacks an object; `error`, such as WrongDeviceError, if an object has
+            another value than expected: the message has both.
         """
         for parameter in expected:
-            self._compare(parameter, DeviceError)
-
-    def identify(self, expected: Iterable[Parameter]) -> None:
-        """Check objects that distinguish one device from another.
-
-        Raises
-        ------
-        WrongDeviceError
-            If one has another value than expected; the message has both.
-        DeviceError
-            If the device does not answer, or refuses.
-        """
-        for parameter in expected:
-            self._compare(parameter, WrongDeviceError)
+            found = self.read(parameter)
+            if not parameter.agrees(found):
+                raise error(
+                    self.name,
+                    f"{parameter} is {parameter.shown(found)}, expected {parameter.shown(parameter.value)}",
+                )
 
     def differing(self, settings: Iterable[Setting]) -> list[Setting]:
-        """Return the settings of which some object does not have its value yet.
-
-        Raises
-        ------
-        DeviceError
-            If the device does not answer, or refuses.
-        """
+        """Return the settings of which some object does not have its value yet; raises as `read`."""
         return [setting for setting in settings if not all(map(self._agrees, setting.result))]
 
     def write(self, parameter: Parameter) -> None:
-        """Write an object.
-
-        Raises
-        ------
-        DeviceError
-            If the device does not answer, or refuses.
-        """
+        """Write an object; raises as `read`."""
         attempts = _ATTEMPTS if parameter.repeatable else 1
-        self._transfer(parameter, self._download, f"= {parameter.value}", attempts)
+        self._transfer(parameter, f"= {parameter.value}", attempts, self._node.sdo.download, parameter.data)
 
     def set(self, settings: Iterable[Setting]) -> None:
         """Write settings in order, and read each back.
@@ -221,30 +187,24 @@ class CanopenDevice:
         """
         self._started = None
         try:
-            self._node.nmt.state = command.value
+            self._node.nmt.send_command(command)
         except can.CanError as error:
             raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
-        if command is NmtCommand.START:
-            self._started = self.clock.monotonic()
+
+    def start(self) -> None:
+        """Send the command to start, and count the heartbeat's age from now on; raises as `command`."""
+        self._heartbeat = self.clock.monotonic()
+        self.command(NmtCommand.START)
+        self._started = self.clock.monotonic()
 
     def leave_stopped(self) -> None:
-        """Let a device that somebody has stopped answer SDO requests again (CiA 301, section 7.3.2.2.4).
-
-        Raises
-        ------
-        DeviceError
-            As `command`.
-        """
-        if self._nmt_state == STOPPED:
+        """Let a stopped device answer SDO requests again (CiA 301, section 7.3.2.2.4); raises as `command`."""
+        if self._nmt_state == NmtState.STOPPED:
             self.command(NmtCommand.ENTER_PRE_OPERATIONAL)
 
     def heartbeat_age(self, now: float) -> float:
         """Return the time since the last heartbeat, s."""
         return now - self._heartbeat
-
-    def expect_heartbeat(self) -> None:
-        """Count the heartbeat's age from now on: the device has just been told to send it."""
-        self._heartbeat = self.clock.monotonic()
 
     def problem(self, now: float, times: Timeouts) -> str:
         """Return, in words, that the device is silent or has left NMT operational; empty when all is well."""
@@ -252,7 +212,7 @@ class CanopenDevice:
         if age > times.heartbeat_consumer:
             return f"no heartbeat for {1e3 * age:.0f} ms"
         started, state = self._started, self._nmt_state
-        if started is None or state is None or state == OPERATIONAL:
+        if started is None or state is None or state == NmtState.OPERATIONAL:
             return ""
         if self._heartbeat < started + times.heartbeat_producer:
             return ""  # it may be older than the start
@@ -261,12 +221,12 @@ class CanopenDevice:
     @property
     def nmt_state(self) -> str:
         """NMT state of the last heartbeat, in words."""
-        return "unknown" if self._nmt_state is None else nmt_state_text(self._nmt_state)
+        return nmt_state_text(self._nmt_state)
 
     def _heard(self, state: int) -> None:
         self._heartbeat = self.clock.monotonic()
         self._nmt_state = state
-        if state == BOOT_UP:
+        if state == NmtState.BOOT_UP:
             self._started = None
             self._on_boot()
 
@@ -277,46 +237,34 @@ class CanopenDevice:
 
     # Transfers
 
-    def _upload(self, parameter: Parameter) -> bytes:
-        return bytes(self._node.sdo.upload(parameter.index, parameter.subindex))
-
-    def _download(self, parameter: Parameter) -> None:
-        self._node.sdo.download(parameter.index, parameter.subindex, parameter.data)
-
     def _agrees(self, parameter: Parameter) -> bool:
         return parameter.agrees(self.read(parameter))
 
-    def _compare(self, parameter: Parameter, error: type[DeviceError]) -> None:
-        found = self.read(parameter)
-        if not parameter.agrees(found):
-            raise error(
-                self.name,
-                f"{parameter} is {parameter.shown(found)}, expected {parameter.shown(parameter.value)}",
-            )
-
     def _transfer(
-        self, parameter: Parameter, transfer: Callable[[Parameter], _T], what: str, attempts: int
-    ) -> _T:
-        for attempt in range(1, attempts + 1):
+        self, parameter: Parameter, what: str, attempts: int, transfer: Callable[..., Any], *data: bytes
+    ) -> Any:
+        while True:
+            attempts -= 1
             try:
-                return transfer(parameter)
+                return transfer(parameter.index, parameter.subindex, *data)
             except canopen.SdoAbortedError as error:
                 problem = f"refuses {parameter} {what}: {abort_text(error.code)}"
                 raise DeviceError(self.name, problem) from error
             except canopen.SdoCommunicationError:
-                if attempt == attempts:
+                if not attempts:
                     raise DeviceError(self.name, "does not answer") from None
             except can.CanError as error:
                 raise DeviceError(self.name, f"cannot be reached: {error}") from None
-        raise AssertionError("a transfer returns or raises")
+
+
+def leave_operational(devices: Iterable[CanopenDevice]) -> None:
+    """Let devices leave NMT operational, as far as the bus takes frames; they notice the missing heartbeat anyway."""
+    with contextlib.suppress(DeviceError):
+        for device in devices:
+            device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
 
 
 def abort_text(code: int) -> str:
     """Return an SDO abort code in words."""
     words = canopen.SdoAbortedError.CODES.get(code, "abort code of the manufacturer")
     return f"{words} (abort code 0x{code:08X})"
-
-
-def nmt_state_text(state: int) -> str:
-    """Return the NMT state of a heartbeat in words."""
-    return _NMT_STATES.get(state, f"state {state}")

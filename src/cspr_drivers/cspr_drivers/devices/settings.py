@@ -6,6 +6,8 @@ Sources: CiA 301 (1000h, 1016h, 1017h, 1018h, 1029h, 1400h, 1600h, 1800h, 1A00h)
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from cspr_drivers.canopen import cia402, cia404
 from cspr_drivers.canopen.frame_table import DRIVE_TPDO3, FunctionCode, TransmissionType, cob_id
 from cspr_drivers.canopen.object_entry import Parameter, Setting
@@ -20,14 +22,17 @@ _NO_CHANGE_OF_NMT_STATE = 1
 _MAJOR_REVISION = 0xFFFF_0000
 
 
-def drive_type() -> Parameter:
-    """Return the device type of a drive, which is asked first."""
-    return Parameter(0x1000, 0, 32, cia402.DEVICE_PROFILE, "device type", mask=0xFFFF)
+# What is asked first.
+DRIVE_TYPE = Parameter(0x1000, 0, 32, cia402.DEVICE_PROFILE, "device type", mask=0xFFFF)
+LOAD_CELL_TYPE = Parameter(0x1000, 0, 32, cia404.DEVICE_PROFILE, "device type", mask=0xFFFF)
 
+# What a drive must show once the mode of operation is active.
+DRIVE_MODE = Parameter(
+    0x6061, 0, 8, cia402.CYCLIC_SYNCHRONOUS_TORQUE, "modes of operation display", signed=True
+)
 
-def load_cell_type() -> Parameter:
-    """Return the device type of a load-cell amplifier, which is asked first."""
-    return Parameter(0x1000, 0, 32, cia404.DEVICE_PROFILE, "device type", mask=0xFFFF)
+# What makes an amplifier take its present value as zero; never repeated after a lost answer.
+LOAD_CELL_TARE = Parameter(0x6125, 1, 32, cia404.AUTOZERO_SIGNATURE, "AI autozero", repeatable=False)
 
 
 def identity_object(identity: Identity) -> tuple[Parameter, ...]:
@@ -100,23 +105,6 @@ def _drive_pdos(config: CanConfig, drive: DriveConfig) -> list[Setting]:
     return pdos
 
 
-def unused_drive_pdos(config: CanConfig) -> tuple[Parameter, ...]:
-    """Return the COB-ID entries of a drive's PDOs that must be not valid."""
-    in_use = [RPDO, TPDO]
-    if config.pdo.drive_tpdo_2 is not None:
-        in_use.append(TPDO + 1)
-    if config.emergency_stop_input is not None:
-        in_use.append(TPDO + 2)
-    return default_pdos(tuple(in_use))
-
-
-def drive_mode() -> Parameter:
-    """Return what modes of operation display must show once the mode is active."""
-    return Parameter(
-        0x6061, 0, 8, cia402.CYCLIC_SYNCHRONOUS_TORQUE, "modes of operation display", signed=True
-    )
-
-
 def load_cell_settings(config: CanConfig, cell: LoadCellConfig) -> tuple[Setting, ...]:
     """Return how an amplifier is set up, in this order, in NMT pre-operational."""
     single = (
@@ -137,14 +125,9 @@ def load_cell_settings(config: CanConfig, cell: LoadCellConfig) -> tuple[Setting
     )
 
 
-def unused_load_cell_pdos() -> tuple[Parameter, ...]:
-    """Return the COB-ID entries of an amplifier's PDOs that must be not valid."""
-    return default_pdos(in_use=(TPDO,))
-
-
-def load_cell_tare() -> Parameter:
-    """Return what makes an amplifier take its present value as zero; never repeated after a lost answer."""
-    return Parameter(0x6125, 1, 32, cia404.AUTOZERO_SIGNATURE, "AI autozero", repeatable=False)
+def unused_pdos(settings: Iterable[Setting]) -> tuple[Parameter, ...]:
+    """Return the COB-ID entries of a device's default PDOs that must be not valid: those without a setting."""
+    return default_pdos({parameter.index for setting in settings for parameter in setting.result})
 
 
 def milliseconds(time: float) -> int:

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from cspr_drivers.canopen import cia402
 from cspr_drivers.canopen.frame_table import DIGITAL_INPUTS, STATUS_WORD
+from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.canopen.object_entry import Parameter, Setting
 from cspr_drivers.canopen.pdo_parameters import out_of_use
-from cspr_drivers.canopen.velocity_unit import INCREMENTS, velocity_unit
+from cspr_drivers.canopen.units import INCREMENTS, velocity_unit
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.config.identity import Identity
-from cspr_drivers.devices.device import CanopenDevice, NmtCommand
+from cspr_drivers.devices.device import CanopenDevice
 from cspr_drivers.devices.settings import (
-    drive_mode,
+    DRIVE_MODE,
+    DRIVE_TYPE,
+    LOAD_CELL_TYPE,
     drive_scale,
     drive_settings,
-    drive_type,
     identity_object,
     load_cell_settings,
-    load_cell_type,
-    unused_drive_pdos,
-    unused_load_cell_pdos,
+    unused_pdos,
 )
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 
@@ -73,43 +72,34 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
         If it does not answer, refuses something, or has another scale than configured.
     """
     device.leave_stopped()
-    device.identify((drive_type(),))
+    device.check((DRIVE_TYPE,), WrongDeviceError)
     _identify(device, drive.identity)
     device.check(drive_scale(drive))
     current = _rated_current(device)
     _require_increments(device)
     velocity = config.pdo.drive_tpdo_2 is not None
     unit = _velocity_unit(device, drive) if velocity else None
-    wrong = _differing(device, drive_settings(config, drive), unused_drive_pdos(config))
+    wrong = _differing(device, drive_settings(config, drive))
     if wrong:
         _require_no_torque(device)
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.set(wrong)
-    device.wait_for(drive_mode())
+    device.wait_for(DRIVE_MODE)
     code = device.read_if_present(Parameter(0x603F, 0, 16, 0, "error code")) or 0
     register = device.read_if_present(Parameter(0x1001, 0, 8, 0, "error register")) or 0
-    _start(device)
+    device.start()
     return DriveFacts(current, unit, _emergency_stop(device, config), code, register, len(wrong))
 
 
-@dataclass(frozen=True)
-class LoadCellFacts:
-    """What an amplifier says about itself when it is set up.
-
-    Attributes
-    ----------
-    span
-        Process values between which it measures (9148h, 9149h), both `None` when it does not report it.
-    written
-        Settings that had to be written, 0 when it was configured already.
-    """
-
-    span: tuple[int | None, int | None]
-    written: int
-
-
-def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellConfig) -> LoadCellFacts:
+def set_up_load_cell(
+    device: CanopenDevice, config: CanConfig, cell: LoadCellConfig
+) -> tuple[int | None, int | None]:
     """Bring an amplifier to NMT operational, likewise.
+
+    Returns
+    -------
+    tuple
+        Process values between which it measures (9148h, 9149h), both `None` when it does not report it.
 
     Raises
     ------
@@ -117,9 +107,9 @@ def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellCon
         As `set_up_drive`.
     """
     device.leave_stopped()
-    device.identify((load_cell_type(),))
+    device.check((LOAD_CELL_TYPE,), WrongDeviceError)
     _identify(device, cell.identity)
-    wrong = _differing(device, load_cell_settings(config, cell), unused_load_cell_pdos())
+    wrong = _differing(device, load_cell_settings(config, cell))
     if wrong:
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
         device.set(wrong)
@@ -128,8 +118,8 @@ def set_up_load_cell(device: CanopenDevice, config: CanConfig, cell: LoadCellCon
         Parameter(0x9149, 1, 32, 0, "AI span end", signed=True),
     ]
     low, high = map(device.read_if_present, ends)
-    _start(device)
-    return LoadCellFacts((low, high), len(wrong))
+    device.start()
+    return low, high
 
 
 def _identify(device: CanopenDevice, identity: Identity | None) -> None:
@@ -138,7 +128,7 @@ def _identify(device: CanopenDevice, identity: Identity | None) -> None:
             device.name,
             "is not commissioned: its identity is null in the configuration; `cspr commission` finds it",
         )
-    device.identify(identity_object(identity))
+    device.check(identity_object(identity), WrongDeviceError)
 
 
 def _rated_current(device: CanopenDevice) -> float | None:
@@ -186,11 +176,9 @@ def _emergency_stop(device: CanopenDevice, config: CanConfig) -> bool:
     return entry.is_active(device.read(Parameter(DIGITAL_INPUTS.index, 0, 32, 0, "digital inputs")))
 
 
-def _differing(
-    device: CanopenDevice, settings: Iterable[Setting], unused: Iterable[Parameter]
-) -> list[Setting]:
+def _differing(device: CanopenDevice, settings: tuple[Setting, ...]) -> list[Setting]:
     wrong = device.differing(settings)
-    for entry in unused:
+    for entry in unused_pdos(settings):
         found = device.read_if_present(entry)
         if found is not None and not entry.agrees(found):
             wrong.append(out_of_use(entry, found))
@@ -204,8 +192,3 @@ def _require_no_torque(device: CanopenDevice) -> None:
         raise DeviceError(
             device.name, f"is in {state.value} and not set up: that waits until it has come to rest"
         )
-
-
-def _start(device: CanopenDevice) -> None:
-    device.expect_heartbeat()
-    device.command(NmtCommand.START)

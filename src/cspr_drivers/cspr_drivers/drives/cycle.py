@@ -11,16 +11,15 @@ from collections.abc import Sequence
 from cspr_drivers.canopen import frame_table
 from cspr_drivers.canopen.emergency import Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
+from cspr_drivers.canopen.nmt import NmtState
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_watch import CycleWatch
-from cspr_drivers.devices.device import OPERATIONAL
 from cspr_drivers.devices.setup import DriveFacts
-from cspr_drivers.drives.command_check import CommandFault
 from cspr_drivers.drives.group import IN_MOTION, DriveGroup
 from cspr_drivers.drives.home_position import with_home
 from cspr_drivers.drives.motor_feedback import MotorFeedback
 from cspr_drivers.drives.report import MotorStates
-from cspr_drivers.drives.torque_frames import Frame, TorqueFrame
+from cspr_drivers.drives.torque_frames import CommandFault, Frame, TorqueFrame
 from cspr_drivers.drives.torque_watch import TorqueWatch
 from cspr_msgs_py.vocabulary import DriverState
 
@@ -66,7 +65,7 @@ class DriveCycle:
         self._rpdos = [TorqueFrame(config, drive) for drive in config.drives]
         self._torque_watch = TorqueWatch(count, config.torque_check)
         heartbeat = cob_id(FunctionCode.HEARTBEAT, config.master_node_id)
-        self._heartbeats = [Frame(bus.name, heartbeat, bytes([OPERATIONAL])) for bus in config.buses]
+        self._heartbeats = [Frame(bus.name, heartbeat, bytes([NmtState.OPERATIONAL])) for bus in config.buses]
         self._heartbeat_due = 0.0
         self._sync_time = 0.0
         self._sync_stamp = 0

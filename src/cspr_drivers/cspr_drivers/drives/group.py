@@ -11,8 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from cspr_drivers.canopen.cia402 import Command, State, Target, decode_state, next_control_word
-from cspr_drivers.canopen.emergency import Emergency, after
-from cspr_drivers.canopen.emergency_codes import is_error
+from cspr_drivers.canopen.emergency import Emergency, after, is_error
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.transition_watch import TransitionWatch
@@ -42,6 +41,15 @@ class DriveGroup:
         Bit of the status word that is set while the brake is open.
     timeouts
         `command`, `feedback`, `transition`, `enable` and `stop` are used here.
+
+    Attributes
+    ----------
+    state
+        State of the group.
+    cause
+        Why the group is not ready or in fault; empty otherwise.
+    control_words
+        Control word that each drive should have (m).
     """
 
     def __init__(self, names: Sequence[str], brake_open_bit: int, timeouts: Timeouts) -> None:
@@ -52,8 +60,8 @@ class DriveGroup:
         self._brake_open = 1 << brake_open_bit
         self._timeouts = timeouts
         self._watch = TransitionWatch(len(names), timeouts)
-        self._state = DriverState.NOT_READY
-        self._cause = "drives are not configured yet"
+        self.state = DriverState.NOT_READY
+        self.cause = "drives are not configured yet"
         self._since = 0.0
         self._members: frozenset[int] = frozenset()  # drives that are, or are to be, in operation
         self._running: frozenset[int] = frozenset()  # those that have been in operation
@@ -61,7 +69,7 @@ class DriveGroup:
         self._resetting: frozenset[int] = frozenset()  # drives whose fault is being reset
         self._clearing = False  # whether the latched cause is cleared with them
         self._not_stopped: frozenset[int] = frozenset()  # drives reported as late with their stop
-        self._words = [int(Command.DISABLE_VOLTAGE)] * len(self._drives)
+        self.control_words = [int(Command.DISABLE_VOLTAGE)] * len(self._drives)
 
     # What is observed.
 
@@ -73,8 +81,8 @@ class DriveGroup:
         """Note that a drive restarted, fell silent or cannot be configured; in motion that is a fault."""
         # What it reported before says nothing about the device that will come back.
         self._drives[index] = DriveStatus(self._drives[index].name, unavailable=reason)
-        if self._state in IN_MOTION:
-            self._latch(f"{self._drives[index].name}: {reason}", time)
+        if self.state in IN_MOTION:
+            self.quick_stop(f"{self._drives[index].name}: {reason}", time)
 
     def feedback(self, index: int, status_word: int, time: float) -> None:
         """Process the status word of a drive.
@@ -98,8 +106,8 @@ class DriveGroup:
         """Process an emergency message of a drive; in motion an error is a fault."""
         drive = self._drives[index]
         self._drives[index] = replace(drive, errors=after(drive.errors, message))
-        if self._state in IN_MOTION and is_error(message.code):
-            self._latch(f"{drive.name} reports {message.text}", message.time)
+        if self.state in IN_MOTION and is_error(message.code):
+            self.quick_stop(f"{drive.name} reports {message.text}", message.time)
 
     def emergency_stop(self, index: int, active: bool, time: float) -> None:
         """Process the state of a drive's emergency stop input; when active in motion it is a fault."""
@@ -108,15 +116,15 @@ class DriveGroup:
         if not active:
             return
         cause = f"emergency stop: input of {drive.name}"
-        if self._state in IN_MOTION:
-            self._latch(cause, time)
+        if self.state in IN_MOTION:
+            self.quick_stop(cause, time)
         # A drive that stops by itself may say so before its input does.
         elif (
-            self._state is DriverState.FAULT
+            self.state is DriverState.FAULT
             and time - self._since < self._timeouts.feedback
-            and not self._cause.startswith("emergency stop")
+            and not self.cause.startswith("emergency stop")
         ):
-            self._cause = f"{cause}; {self._cause}"
+            self.cause = f"{cause}; {self.cause}"
 
     def commanded(self, index: int, time: float) -> None:
         """Note that an acceptable torque command for a drive arrived."""
@@ -126,14 +134,14 @@ class DriveGroup:
 
     def enable(self, time: float, index: int | None = None) -> str | None:
         """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
-        if self._state is DriverState.FAULT:
-            return f"a fault is latched: {self._cause}; reset it first"
-        if self._state is DriverState.NOT_READY:
-            return self._cause
+        if self.state is DriverState.FAULT:
+            return f"a fault is latched: {self.cause}; reset it first"
+        if self.state is DriverState.NOT_READY:
+            return self.cause
         wanted = self._everyone if index is None else frozenset({index})
-        singly = index is not None and self._state is DriverState.ENABLED and index not in self._members
-        if self._state is not DriverState.DISABLED and not singly:
-            return f"the drives are {self._state.value}"
+        singly = index is not None and self.state is DriverState.ENABLED and index not in self._members
+        if self.state is not DriverState.DISABLED and not singly:
+            return f"the drives are {self.state.value}"
         members = wanted | (self._members if singly else frozenset())
         if stale := self._without_command(time, members):
             return f"no fresh torque commands for {', '.join(stale)}"
@@ -144,10 +152,10 @@ class DriveGroup:
 
     def disable(self, time: float, index: int | None = None) -> None:
         """Begin to close the brakes, of all drives or of one. Has no effect unless in motion."""
-        if self._state not in (DriverState.ENABLING, DriverState.ENABLED):
+        if self.state not in (DriverState.ENABLING, DriverState.ENABLED):
             return
         remaining = frozenset() if index is None else self._members - {index}
-        if remaining and self._state is DriverState.ENABLED:
+        if remaining and self.state is DriverState.ENABLED:
             self._members = self._running = remaining
             self._aim()
         elif index is None or index in self._members:
@@ -156,7 +164,10 @@ class DriveGroup:
 
     def quick_stop(self, cause: str, time: float) -> None:
         """Stop all drives at once and latch the cause. The first cause stays."""
-        self._latch(cause, time)
+        if self.state is not DriverState.FAULT or self._clearing:
+            self._resetting = self._members = self._running = self._not_stopped = frozenset()
+            self._clearing = False
+            self._enter(DriverState.FAULT, cause, time)
 
     def fault_reset(self, time: float, index: int | None = None) -> str | None:
         """Begin to reset faults of the drives; return why not when that is refused.
@@ -166,13 +177,11 @@ class DriveGroup:
         index
             Drive whose fault is reset; by default that of all, and the latched cause with them.
         """
-        if self._state is not DriverState.FAULT:
+        if self.state is not DriverState.FAULT:
             return None
         concerned = self._everyone if index is None else frozenset({index})
-        moving = [
-            self._drives[k].describe() for k in self._present(time) & concerned if not self._drives[k].held
-        ]
-        if moving:
+        reporting = [self._drives[k] for k in self._present(time) & concerned]
+        if moving := [drive.describe() for drive in reporting if not drive.held]:
             return f"not stopped yet: {'; '.join(moving)}"
         self._resetting = frozenset(k for k in concerned if self._drives[k].state is State.FAULT)
         self._clearing = index is None
@@ -185,34 +194,19 @@ class DriveGroup:
 
     def step(self, time: float) -> None:
         """Evaluate what was observed, change state, and set the control words. Called once per cycle."""
-        if self._state in (DriverState.NOT_READY, DriverState.DISABLED):
+        if self.state in (DriverState.NOT_READY, DriverState.DISABLED):
             self._rest(time)
-        elif self._state is DriverState.FAULT:
+        elif self.state is DriverState.FAULT:
             self._hold_fault(time)
         elif cause := self._trouble(time):
-            self._latch(cause, time)
-        elif self._state is DriverState.ENABLING:
+            self.quick_stop(cause, time)
+        elif self.state is DriverState.ENABLING:
             self._release(time)
-        elif self._state is DriverState.STOPPING:
+        elif self.state is DriverState.STOPPING:
             self._close(time)
         self._aim()
-        if self._state is not DriverState.ENABLED or self._members != self._everyone:
+        if self.state is not DriverState.ENABLED or self._members != self._everyone:
             self._watch_transitions(time)
-
-    @property
-    def state(self) -> DriverState:
-        """State of the group."""
-        return self._state
-
-    @property
-    def cause(self) -> str:
-        """Why the group is not ready or in fault; empty otherwise."""
-        return self._cause
-
-    @property
-    def control_words(self) -> Sequence[int]:
-        """Control word that each drive should have (m)."""
-        return self._words
 
     @property
     def held(self) -> bool:
@@ -231,7 +225,7 @@ class DriveGroup:
 
     def operates(self, index: int) -> bool:
         """Return whether a drive follows its torque, its brake open."""
-        return self._state is DriverState.ENABLED and index in self._running
+        return self.state is DriverState.ENABLED and index in self._running
 
     def settled(self, index: int) -> bool:
         """Return whether a drive is where it should be, so that its control word need not be repeated."""
@@ -245,33 +239,27 @@ class DriveGroup:
     # Inner working.
 
     def _target(self, index: int) -> Target:
-        if self._state is DriverState.FAULT:
+        if self.state is DriverState.FAULT:
             return Target.FAULT_RESET if index in self._resetting else Target.QUICK_STOP
         if index not in self._members:
             return Target.AT_REST
-        if self._state is DriverState.ENABLING and not self._releasing and index not in self._running:
+        if self.state is DriverState.ENABLING and not self._releasing and index not in self._running:
             return Target.SWITCHED_ON
         return Target.OPERATION_ENABLED
 
     def _aim(self) -> None:
         for index, drive in enumerate(self._drives):
             if drive.state is not None:
-                self._words[index] = next_control_word(drive.state, self._target(index))
+                self.control_words[index] = next_control_word(drive.state, self._target(index))
 
     def _enter(self, state: DriverState, cause: str, time: float) -> None:
-        self._state = state
-        self._cause = cause
+        self.state = state
+        self.cause = cause
         self._since = time
         self._aim()
 
-    def _latch(self, cause: str, time: float) -> None:
-        if self._state is not DriverState.FAULT or self._clearing:
-            self._resetting = self._members = self._running = self._not_stopped = frozenset()
-            self._clearing = False
-            self._enter(DriverState.FAULT, cause, time)
-
     def _silent(self, index: int, time: float) -> bool:
-        return time - self._heard[index] > self._timeouts.feedback
+        return self.feedback_age(index, time) > self._timeouts.feedback
 
     def _silent_ones(self, time: float) -> str:
         """Return the names of the drives that have fallen silent, including those about to exceed the limit."""
@@ -296,10 +284,9 @@ class DriveGroup:
 
     def _rest(self, time: float) -> None:
         present = self._present(time)
-        if faulty := [
-            self._drives[k].describe() for k in sorted(present) if self._drives[k].state in _FAULTY
-        ]:
-            self._latch("; ".join(faulty), time)
+        reporting = [self._drives[k] for k in sorted(present)]
+        if faulty := [drive.describe() for drive in reporting if drive.state in _FAULTY]:
+            self.quick_stop("; ".join(faulty), time)
             return
         reasons: dict[str, list[str]] = {}
         for index, drive in enumerate(self._drives):
@@ -308,7 +295,7 @@ class DriveGroup:
         if reasons:
             cause = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
             self._enter(DriverState.NOT_READY, cause, time)
-        elif self._state is DriverState.NOT_READY:
+        elif self.state is DriverState.NOT_READY:
             self._enter(DriverState.DISABLED, "", time)
 
     @staticmethod
@@ -359,7 +346,7 @@ class DriveGroup:
             self._running = self._members
             self._enter(DriverState.ENABLED, "", time)
         elif time - self._since > self._timeouts.enable:
-            self._latch(f"not enabled within {self._timeouts.enable:g} s: {'; '.join(late)}", time)
+            self.quick_stop(f"not enabled within {self._timeouts.enable:g} s: {'; '.join(late)}", time)
 
     def _close(self, time: float) -> None:
         late = [d for d in self._drives if d.brake_open or d.state is not State.SWITCH_ON_DISABLED]
@@ -367,16 +354,13 @@ class DriveGroup:
             self._enter(DriverState.DISABLED, "", time)
         elif time - self._since > self._timeouts.stop:
             names = "; ".join(drive.describe() for drive in late)
-            self._latch(f"brakes not closed within {self._timeouts.stop:g} s: {names}", time)
+            self.quick_stop(f"brakes not closed within {self._timeouts.stop:g} s: {names}", time)
 
     def _hold_fault(self, time: float) -> None:
         # One reset is one edge of bit 7: a drive that falls into fault again waits for the operator again.
         self._resetting = frozenset(k for k in self._resetting if self._drives[k].state is State.FAULT)
-        late = [
-            self._drives[k].describe()
-            for k in sorted(self._present(time))
-            if self._drives[k].state is not State.SWITCH_ON_DISABLED
-        ]
+        reporting = [self._drives[k] for k in sorted(self._present(time))]
+        late = [drive.describe() for drive in reporting if drive.state is not State.SWITCH_ON_DISABLED]
         overdue = time - self._since > self._timeouts.stop
         if self._clearing and not late:
             self._clearing = False
@@ -386,16 +370,16 @@ class DriveGroup:
         elif overdue and (self._clearing or self._resetting):
             self._clearing = False
             self._resetting = frozenset()
-            self._cause = f"not reset: {'; '.join(late)}"
+            self.cause = f"not reset: {'; '.join(late)}"
 
     def _watch_transitions(self, time: float) -> None:
-        late = self._watch.overdue([drive.state for drive in self._drives], self._words, time)
+        late = self._watch.overdue([drive.state for drive in self._drives], self.control_words, time)
         if not late:
             return
-        if self._state in IN_MOTION:
+        if self.state in IN_MOTION:
             index, problem = next(iter(late.items()))
-            self._latch(f"{self._drives[index].name}: {problem}", time)
-        elif self._state is DriverState.FAULT and not (self._clearing or self._resetting):
+            self.quick_stop(f"{self._drives[index].name}: {problem}", time)
+        elif self.state is DriverState.FAULT and not (self._clearing or self._resetting):
             for index in late.keys() - self._not_stopped:
                 self._not_stopped |= {index}
-                self._cause += f"; {self._drives[index].name}: {late[index]}: assume the load is not held"
+                self.cause += f"; {self._drives[index].name}: {late[index]}: assume the load is not held"

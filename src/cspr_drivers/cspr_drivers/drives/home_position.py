@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.file_replacement import replace_and_keep
 from cspr_drivers.errors import ConfigurationError
 
 _ENTRY = re.compile(r"^(?P<before>[^#\n]*?\bhome_counts:\s*)(?P<value>[-+]?\d+)", re.MULTILINE)
@@ -36,19 +35,9 @@ def store_home(config: CanConfig, counts: Sequence[int]) -> Path:
     """
     path = Path(config.source)
     try:
-        old = path.read_text(encoding="utf-8")
-        new = _replaced(old, config, counts)
-        kept = path.with_name(f"{path.name}.{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}")
-        kept.write_text(old, encoding="utf-8")
-        fresh = path.with_name(f"{path.name}.new")
-        with fresh.open("w", encoding="utf-8") as file:
-            file.write(new)
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(path)  # a loss of power leaves the old file or the new one
+        return replace_and_keep(path, _replaced(path.read_text(encoding="utf-8"), config, counts))
     except OSError as error:
         raise ConfigurationError(f"{path}: home_counts cannot be stored: {error.strerror}") from None
-    return kept
 
 
 def _replaced(text: str, config: CanConfig, counts: Sequence[int]) -> str:

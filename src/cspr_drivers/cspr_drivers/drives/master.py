@@ -16,7 +16,7 @@ from cspr_drivers.bus.can_bus import CanPort, CanPorts, CyclicFrame, FrameHandle
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
-from cspr_drivers.devices.device import CanopenDevice, NmtCommand
+from cspr_drivers.devices.device import CanopenDevice, leave_operational
 from cspr_drivers.devices.setup import set_up_drive
 from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.drives.cycle import DriveCycle
@@ -66,12 +66,9 @@ class DriveMaster:
         self._cycle = DriveCycle(config)
         self._lock = threading.Lock()  # over the cycle
         self._sending = threading.Lock()  # over what it returns, until that is sent
-        self._storing = (
-            threading.Lock()
-        )  # over a home pose that is being stored: nothing is enabled meanwhile
+        self._storing = threading.Lock()  # while a home pose is stored: nothing is enabled meanwhile
         self._message = CyclicFrame(0)  # the one being sent
         self._heartbeats_due = 0.0
-        self._other_driver = threading.Event()
         self._started = self._stopped = False
         self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
         self._setup = SetupThread(
@@ -98,12 +95,11 @@ class DriveMaster:
         BusError
             If another driver is active on one of the buses.
         """
-        for port in self._ports:
-            port.subscribe(self._heartbeat, lambda data, now: self._other_driver.set())
-        if self._other_driver.wait(self._clock.on_computer(1.5 * self.config.timeouts.heartbeat_producer)):
+        node = self.config.master_node_id
+        wait = self._clock.on_computer(1.5 * self.config.timeouts.heartbeat_producer)
+        if bus := self._ports.hear(cob_id(FunctionCode.HEARTBEAT, node), wait):
             raise BusError(
-                "another driver is active on the CAN bus: "
-                f"its heartbeat as node {self.config.master_node_id} was seen"
+                f"another driver is active on the CAN bus {bus}: its heartbeat as node {node} was seen"
             )
         self._started = True
         for port, identifier, handler in self._handlers():
@@ -128,19 +124,13 @@ class DriveMaster:
         self._stopped = True
         if self._started:
             self._leave_drives()
-        for port in self._ports:
-            port.unsubscribe(self._heartbeat)
         for device in self._devices:
             device.release()
 
     def _leave_drives(self) -> None:
         self.come_to_rest()
         self._setup.stop()
-        for device in self._devices:
-            try:
-                device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
-            except DeviceError:
-                break  # the bus takes no frames; the drives notice the missing heartbeat
+        leave_operational(self._devices)
         self.cycle_clock.stop()
         self._ports.off_sync(self._cycle.sync)
         for port, failure in self._failures:
@@ -291,10 +281,6 @@ class DriveMaster:
                 )
             if config.emergency_stop_input is not None:
                 yield port, cob_id(FunctionCode.TPDO3, drive.node_id), partial(self._take_inputs, index)
-
-    @property
-    def _heartbeat(self) -> int:
-        return cob_id(FunctionCode.HEARTBEAT, self.config.master_node_id)
 
     # The devices.
 

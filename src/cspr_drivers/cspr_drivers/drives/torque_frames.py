@@ -1,13 +1,60 @@
-"""The RPDO of each drive: control word and torque in one frame, and what was last sent."""
+"""The RPDO of each drive: control word and torque in one frame, and what a command must be to get into it."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import Enum
 from typing import NamedTuple
 
 from cspr_drivers.canopen.frame_table import CONTROL_WORD, TARGET_TORQUE, FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig, DriveConfig
-from cspr_drivers.drives.command_check import CommandCheck
+
+
+class CommandFault(Enum):
+    """Why a command is not passed on; the value says it in words."""
+
+    UNREADABLE = "unreadable"
+    NOT_FINITE = "not finite"
+    OUT_OF_RANGE = "beyond the torque limit"
+    STALE = "older than the command timeout"
+    AHEAD = "stamped later than the newest motor states"
+
+
+@dataclass(frozen=True)
+class CommandCheck:
+    """Limits of one motor's command.
+
+    Attributes
+    ----------
+    torque_limit
+        Largest absolute torque, N m.
+    timeout
+        Largest age, s.
+    """
+
+    torque_limit: float
+    timeout: float
+
+    def fault(self, torque: float, age: float) -> CommandFault | None:
+        """Return what is wrong with a command, or `None`.
+
+        Parameters
+        ----------
+        torque
+            Torque demanded, N m.
+        age
+            Stamp of the newest motor states less that of the command, s.
+        """
+        if not math.isfinite(torque):
+            return CommandFault.NOT_FINITE
+        if abs(torque) > self.torque_limit:
+            return CommandFault.OUT_OF_RANGE
+        if age > self.timeout:
+            return CommandFault.STALE
+        if age < 0.0:
+            return CommandFault.AHEAD
+        return None
 
 
 class Frame(NamedTuple):

@@ -12,8 +12,8 @@ from cspr_drivers.canopen.emergency import ActiveErrors, Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.clock import Thread
 from cspr_drivers.config.can_config import CanConfig
-from cspr_drivers.devices.device import CanopenDevice, NmtCommand
-from cspr_drivers.devices.settings import load_cell_tare
+from cspr_drivers.devices.device import CanopenDevice, leave_operational
+from cspr_drivers.devices.settings import LOAD_CELL_TARE
 from cspr_drivers.devices.setup import set_up_load_cell
 from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.errors import DeviceError
@@ -65,6 +65,11 @@ class LoadCellMaster:
         of a cycle has answered.
     report
         Given lines for the log.
+
+    Attributes
+    ----------
+    clock
+        Clock of the machine, as of the buses.
     """
 
     def __init__(
@@ -76,6 +81,7 @@ class LoadCellMaster:
     ) -> None:
         self._config = config
         self._ports = ports
+        self.clock = ports.clock
         self._publish = publish
         self._report = report
         self._lock = threading.Lock()
@@ -84,7 +90,7 @@ class LoadCellMaster:
         self._stopped = False
         self._taring: Thread | None = None
         self._setup = SetupThread(
-            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, ports.clock
+            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, self.clock
         )
         self._devices = [
             CanopenDevice(
@@ -115,11 +121,7 @@ class LoadCellMaster:
         self._setup.stop()
         if self._taring is not None:
             self._taring.join(timeout=2.0)
-        for device in self._devices:
-            try:
-                device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
-            except DeviceError:
-                break  # the bus takes no frames
+        leave_operational(self._devices)
         self._ports.off_sync(self._cycle.sync)
         for device, cell in zip(self._devices, self._config.load_cells, strict=True):
             device.release()
@@ -140,7 +142,7 @@ class LoadCellMaster:
         if refusal is None and self._taring is not None and self._taring.is_alive():
             refusal = "taring is under way"
         if refusal is None:
-            self._taring = self._ports.clock.start(self._tare, "tare")
+            self._taring = self.clock.start(self._tare, "tare")
         return refusal
 
     def watch(self, now: float) -> None:
@@ -178,19 +180,19 @@ class LoadCellMaster:
 
     def _configure(self, index: int) -> None:
         """Bring an amplifier to NMT operational; run by the set-up thread."""
-        facts = set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
+        span = set_up_load_cell(self._devices[index], self._config, self._config.load_cells[index])
         with self._lock:
-            self._cycle.configured(index, facts.span)
+            self._cycle.configured(index, span)
 
     def _emergency(self, index: int, code: int, register: int, data: bytes) -> None:
         with self._lock:
-            self._cycle.emergency(index, Emergency(code, register, data, self._ports.clock.monotonic()))
+            self._cycle.emergency(index, Emergency(code, register, data, self.clock.monotonic()))
 
     def _tare(self) -> None:
         result = "all load cells tared"
         for device in self._devices:
             try:
-                device.write(load_cell_tare())
+                device.write(LOAD_CELL_TARE)
             except DeviceError as error:
                 result = f"taring failed: {error}"
                 break

@@ -14,6 +14,11 @@ class StuckCells:
         Number of cells (m).
     checks
         Time without change, and change of the other tensions, after which a cell is stuck.
+
+    Attributes
+    ----------
+    stuck
+        Cells that are stuck; each stays so until its value changes.
     """
 
     def __init__(self, count: int, checks: LoadCellChecks) -> None:
@@ -21,12 +26,7 @@ class StuckCells:
         self._last: tuple[float, ...] = (float("nan"),) * count
         self._since = [0.0] * count
         self._then: list[tuple[float, ...]] = [()] * count
-        self._stuck: frozenset[int] = frozenset()
-
-    @property
-    def stuck(self) -> frozenset[int]:
-        """Cells that are stuck; each stays so until its value changes."""
-        return self._stuck
+        self.stuck: frozenset[int] = frozenset()
 
     def observe(self, time: float, tensions: tuple[float, ...]) -> None:
         """Process the tensions (m,), N, of one SYNC at a time, s."""
@@ -35,8 +35,8 @@ class StuckCells:
             if now != before:
                 self._since[index] = time
                 self._then[index] = tensions
-                self._stuck -= {index}
+                self.stuck -= {index}
             elif time - self._since[index] > self._checks.stuck_time:
                 change = max(abs(a - b) for a, b in zip(tensions, self._then[index], strict=True))
                 if change > self._checks.stuck_span:
-                    self._stuck |= {index}
+                    self.stuck |= {index}

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.canopen.emergency import ActiveErrors
+from cspr_drivers.cycle.cycle_watch import AnswerCounts
 from cspr_drivers.drives.report import DriveReport
 from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport, in_words
 from cspr_msgs_py.vocabulary import DriverState, Level
@@ -40,11 +42,6 @@ def _milliseconds(age: float) -> str:
     return f"{1e3 * age:.1f}" if math.isfinite(age) else ""
 
 
-def not_configured(node: str) -> Status:
-    """Return the status of a driver that has not opened its buses."""
-    return Status.of(node, Level.WARN, "not configured: no bus is open", {})
-
-
 def drive_diagnostics(report: DriveReport) -> list[Status]:
     """Return the health of the driver of the drives."""
     return [_driver_diagnostics(report), *_each_drive(report)]
@@ -52,16 +49,11 @@ def drive_diagnostics(report: DriveReport) -> list[Status]:
 
 def _each_drive(report: DriveReport) -> Iterator[Status]:
     for place, (drive, facts) in enumerate(zip(report.drives, report.facts, strict=True)):
-        counts = report.statistics.answers[place]
         values = {
-            "answered": counts.answered,
-            "late": counts.late,
-            "missing": counts.missing,
+            **_answers_and_errors(report.statistics.answers[place], drive.errors),
             "feedback_age_ms": _milliseconds(report.feedback_ages[place]),
             "heartbeat_age_ms": _milliseconds(report.heartbeat_ages[place]),
             "nmt_state": report.nmt_states[place],
-            "errors": "; ".join(str(error) for error in drive.errors),
-            "remedy": "; ".join(error.remedy for error in drive.errors),
         }
         if facts is not None:
             values["written_settings"] = facts.written
@@ -70,6 +62,16 @@ def _each_drive(report: DriveReport) -> Iterator[Status]:
         level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
         message = drive.unavailable or drive.state_name
         yield Status.of(f"can_drives: {drive.name}", level, message, values)
+
+
+def _answers_and_errors(counts: AnswerCounts, errors: ActiveErrors) -> dict[str, object]:
+    return {
+        "answered": counts.answered,
+        "late": counts.late,
+        "missing": counts.missing,
+        "errors": "; ".join(map(str, errors)),
+        "remedy": "; ".join(error.remedy for error in errors),
+    }
 
 
 def _driver_diagnostics(report: DriveReport) -> Status:
@@ -130,15 +132,9 @@ def load_cell_diagnostics(names: Sequence[str], report: LoadCellReport) -> list[
     statuses = [Status.of("load_cells", Level.ERROR if problem else Level.OK, problem or "ok", values)]
     for name, counts, errors in zip(names, statistics.answers, report.errors, strict=True):
         words = report.problems.get(name, "")
-        counters = {
-            "answered": counts.answered,
-            "late": counts.late,
-            "missing": counts.missing,
-            "errors": "; ".join(map(str, errors)),
-            "remedy": "; ".join(error.remedy for error in errors),
-        }
         level = Level.ERROR if words else Level.OK
-        statuses.append(Status.of(f"load_cells: {name}", level, words or "ok", counters))
+        values = _answers_and_errors(counts, errors)
+        statuses.append(Status.of(f"load_cells: {name}", level, words or "ok", values))
     return statuses
 
 

@@ -7,7 +7,8 @@ import sys
 from rclpy.node import Node
 
 from cspr_drivers.clock import COMPUTER, Clock
-from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
+from cspr_drivers.nodes.can_drives import CanDrives
+from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL
 from cspr_drivers.nodes.load_cells import LoadCells
 from cspr_msgs_py.runtime.process import run_nodes
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL
+from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL
 from cspr_drivers.nodes.simulated_robot import SimulatedRobot
 from cspr_msgs_py.runtime.process import run_nodes
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import InertiaStamped
@@ -18,10 +18,9 @@ from std_srvs.srv import Trigger
 from cspr_drivers.clock import COMPUTER, SlowClock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
-from cspr_drivers.nodes.can_drives import SWITCH_INTERVAL, CanDrives
-from cspr_drivers.nodes.driver_node import load_config
+from cspr_drivers.nodes.can_drives import CanDrives
+from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, load_config
 from cspr_drivers.nodes.load_cells import LoadCells
-from cspr_drivers.simulation.plant.shared import PlantModel
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
@@ -31,6 +30,9 @@ from cspr_msgs_py.runtime.process import Diagnostics, run_nodes, sample_publishe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import InertiaSample, Status
+
+if TYPE_CHECKING:
+    from cspr_drivers.simulation.plant.plant import Plant
 
 _PAYLOAD_PERIOD = 0.02  # s
 _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagnostics warn
@@ -82,8 +84,8 @@ class SimulatedRobot(Node):
         super().destroy_node()
 
     def _watch(self) -> None:
-        if self._emulator.failure is not None:
-            raise self._emulator.failure
+        if self._emulator.machine.failure is not None:
+            raise self._emulator.machine.failure
         payload = self._emulator.payload
         self._send_payload(InertiaSample(self.clock.system_ns(), payload.mass, payload.center_of_mass))
         slack = self._emulator.slack_cables()
@@ -110,7 +112,7 @@ class SimulatedRobot(Node):
         for parameter in parameters:
             if parameter.name == "fault" and parameter.value:
                 try:
-                    self._emulator.read_fault(parameter.value)
+                    self._emulator.faults.read(parameter.value)
                 except DriverError as error:
                     return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -118,18 +120,18 @@ class SimulatedRobot(Node):
     def _inject_fault(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         text = self.get_parameter("fault").value
         try:
-            order = self._emulator.read_fault(text)
+            order = self._emulator.faults.read(text)
         except DriverError as error:
             response.message = f"set the parameter fault first: {error}"
             return response
-        self._emulator.inject(order)
+        self._emulator.faults.inject(order)
         response.success = True
         response.message = f"{text}: {order.fault.meaning}"
         self.get_logger().warning(f"fault injected: {response.message}")
         return response
 
     def _clear_faults(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._emulator.clear_faults()
+        self._emulator.faults.clear()
         response.success = True
         response.message = "all injected faults are gone; what is latched stays latched"
         self.get_logger().info(response.message)
@@ -169,7 +171,7 @@ def create_nodes(**options: Any) -> list[Node]:
     return [drives, LoadCells(simulated.config, drives.shared_ports, **options), simulated]
 
 
-def _plant(simulation: SimulationConfig) -> PlantModel:
+def _plant(simulation: SimulationConfig) -> Plant:
     try:
         from cspr_drivers.simulation.plant.plant import Plant
     except ImportError as error:

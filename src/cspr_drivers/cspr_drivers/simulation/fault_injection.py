@@ -11,7 +11,7 @@ from enum import Enum
 from functools import partial
 
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.bus.bus_timing import BusDisturbance, Disturbable
+from cspr_drivers.simulation.bus.bus_timing import BusDisturbance
 from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode
 from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
@@ -33,42 +33,46 @@ class FaultTarget(Enum):
 
 
 class InjectedFault(Enum):
-    """Faults by name; the value is the name."""
+    """Faults by name, which is the value, and with their meaning in words."""
 
-    DRIVE_SILENT = "drive_silent"
-    DRIVE_NO_FEEDBACK = "drive_no_feedback"
-    DRIVE_NO_HEARTBEAT = "drive_no_heartbeat"
-    DRIVE_RESET = "drive_reset"
-    DRIVE_FAULT = "drive_fault"
-    DRIVE_EMERGENCY = "drive_emergency"
-    DRIVE_WRONG_MODE = "drive_wrong_mode"
-    DRIVE_RUNAWAY = "drive_runaway"
-    DRIVE_PULLING = "drive_pulling"
-    WINCH_BLOCKED = "winch_blocked"
-    BRAKE_WEAK = "brake_weak"
-    LOAD_CELL_SILENT = "load_cell_silent"
-    LOAD_CELL_SATURATED = "load_cell_saturated"
-    LOAD_CELL_STUCK = "load_cell_stuck"
-    LOAD_CELL_DRIFTING = "load_cell_drifting"
-    CABLE_SLACK = "cable_slack"
-    BUS_CUT = "bus_cut"
-    BUS_OFF = "bus_off"
-    BUS_DOWN = "bus_down"
-    BUS_REMOVED = "bus_removed"
-    BUS_BABBLING = "bus_babbling"
-    BUS_ERROR_FRAMES = "bus_error_frames"
-    PLATFORM_CAUGHT = "platform_caught"
-    EMERGENCY_STOP = "emergency_stop"
+    DRIVE_SILENT = "drive_silent", "its bus connector is unplugged"
+    DRIVE_NO_FEEDBACK = "drive_no_feedback", "it sends no TPDOs; all else goes on"
+    DRIVE_NO_HEARTBEAT = "drive_no_heartbeat", "it sends no heartbeat; all else goes on"
+    DRIVE_RESET = "drive_reset", "its supply fails for a moment, and it boots"
+    DRIVE_FAULT = "drive_fault", "overtemperature of its power stage: fault"
+    DRIVE_EMERGENCY = "drive_emergency", "it reports undervoltage by EMCY and goes on"
+    DRIVE_WRONG_MODE = "drive_wrong_mode", "it leaves cyclic synchronous torque mode by itself"
+    DRIVE_RUNAWAY = "drive_runaway", "it applies all its torque, to pay out"
+    DRIVE_PULLING = "drive_pulling", "it applies three fifths of its torque, to take in"
+    WINCH_BLOCKED = "winch_blocked", "the brake holds although the drive says that it is open"
+    BRAKE_WEAK = "brake_weak", "the brake holds a twentieth of its torque from the next time it closes"
+    LOAD_CELL_SILENT = "load_cell_silent", "its amplifier is unplugged"
+    LOAD_CELL_SATURATED = "load_cell_saturated", "its amplifier reports overload"
+    LOAD_CELL_STUCK = "load_cell_stuck", "its value no longer changes"
+    LOAD_CELL_DRIFTING = "load_cell_drifting", f"its zero drifts by {_DRIFT:g} N a second"
+    CABLE_SLACK = "cable_slack", f"{1e3 * _SLACK:g} mm of cable slip off the drum"
+    BUS_CUT = "bus_cut", "its cable is cut: no frame passes"
+    BUS_OFF = "bus_off", "the driver's controller goes off the bus"
+    BUS_DOWN = "bus_down", "the driver's interface is taken down"
+    BUS_REMOVED = "bus_removed", "the driver's interface is unplugged"
+    BUS_BABBLING = "bus_babbling", "a node fills the bus with frames of high priority"
+    BUS_ERROR_FRAMES = "bus_error_frames", "every frame is destroyed by an error frame"
+    PLATFORM_CAUGHT = "platform_caught", "it hangs on an obstacle that does not give way"
+    EMERGENCY_STOP = "emergency_stop", "the emergency stop chain is open"
+
+    meaning: str
+
+    def __new__(cls, name: str, meaning: str) -> InjectedFault:
+        """Make the name the value of a fault."""
+        fault = object.__new__(cls)
+        fault._value_ = name
+        fault.meaning = meaning
+        return fault
 
     @property
     def target(self) -> FaultTarget:
         """What the fault is injected into."""
         return _TARGETS.get(self.value.split("_", maxsplit=1)[0], FaultTarget.ROBOT)
-
-    @property
-    def meaning(self) -> str:
-        """The fault in words."""
-        return _MEANINGS[self]
 
 
 _TARGETS = {
@@ -80,31 +84,21 @@ _TARGETS = {
     "bus": FaultTarget.BUS,
 }
 
-_MEANINGS = {
-    InjectedFault.DRIVE_SILENT: "its bus connector is unplugged",
-    InjectedFault.DRIVE_NO_FEEDBACK: "it sends no TPDOs; all else goes on",
-    InjectedFault.DRIVE_NO_HEARTBEAT: "it sends no heartbeat; all else goes on",
-    InjectedFault.DRIVE_RESET: "its supply fails for a moment, and it boots",
-    InjectedFault.DRIVE_FAULT: "overtemperature of its power stage: fault",
-    InjectedFault.DRIVE_EMERGENCY: "it reports undervoltage by EMCY and goes on",
-    InjectedFault.DRIVE_WRONG_MODE: "it leaves cyclic synchronous torque mode by itself",
-    InjectedFault.DRIVE_RUNAWAY: "it applies all its torque, to pay out",
-    InjectedFault.DRIVE_PULLING: "it applies three fifths of its torque, to take in",
-    InjectedFault.WINCH_BLOCKED: "the brake holds although the drive says that it is open",
-    InjectedFault.BRAKE_WEAK: "the brake holds a twentieth of its torque from the next time it closes",
-    InjectedFault.LOAD_CELL_SILENT: "its amplifier is unplugged",
-    InjectedFault.LOAD_CELL_SATURATED: "its amplifier reports overload",
-    InjectedFault.LOAD_CELL_STUCK: "its value no longer changes",
-    InjectedFault.LOAD_CELL_DRIFTING: f"its zero drifts by {_DRIFT:g} N a second",
-    InjectedFault.CABLE_SLACK: f"{1e3 * _SLACK:g} mm of cable slip off the drum",
-    InjectedFault.BUS_CUT: "its cable is cut: no frame passes",
-    InjectedFault.BUS_OFF: "the driver's controller goes off the bus",
-    InjectedFault.BUS_DOWN: "the driver's interface is taken down",
-    InjectedFault.BUS_REMOVED: "the driver's interface is unplugged",
-    InjectedFault.BUS_BABBLING: "a node fills the bus with frames of high priority",
-    InjectedFault.BUS_ERROR_FRAMES: "every frame is destroyed by an error frame",
-    InjectedFault.PLATFORM_CAUGHT: "it hangs on an obstacle that does not give way",
-    InjectedFault.EMERGENCY_STOP: "the emergency stop chain is open",
+
+_FLAGS: dict[InjectedFault, tuple[str, float]] = {
+    InjectedFault.DRIVE_SILENT: ("disconnected", True),
+    InjectedFault.DRIVE_NO_FEEDBACK: ("pdos_missing", True),
+    InjectedFault.DRIVE_NO_HEARTBEAT: ("heartbeat_missing", True),
+    InjectedFault.LOAD_CELL_SILENT: ("disconnected", True),
+    InjectedFault.LOAD_CELL_SATURATED: ("saturated", True),
+    InjectedFault.LOAD_CELL_STUCK: ("stuck", True),
+}
+# Those at which the drive gives the plant another torque at once.
+_TORQUES: dict[InjectedFault, tuple[str, float]] = {
+    InjectedFault.DRIVE_WRONG_MODE: ("mode_is_lost", True),
+    InjectedFault.DRIVE_RUNAWAY: ("runs_away", 1.0),
+    InjectedFault.DRIVE_PULLING: ("runs_away", -0.6),
+    InjectedFault.WINCH_BLOCKED: ("blocked", True),
 }
 
 
@@ -126,7 +120,7 @@ class FaultInjector:
     machine
         What they share.
     buses
-        The buses by name.
+        What disturbs each bus from now on, by its name.
     """
 
     def __init__(
@@ -134,7 +128,7 @@ class FaultInjector:
         drives: Sequence[DriveEmulator],
         load_cells: Sequence[LoadCellEmulator],
         machine: SharedPlant,
-        buses: Mapping[str, Disturbable],
+        buses: Mapping[str, Callable[[BusDisturbance], None]],
     ) -> None:
         self._drives = drives
         self._load_cells = load_cells
@@ -152,11 +146,10 @@ class FaultInjector:
         """
         name, _, place = text.strip().partition(" ")
         place = place.strip()
-        try:
-            fault = InjectedFault(name)
-        except ValueError:
-            names = ", ".join(known.value for known in InjectedFault)
-            raise DriverError(f"there is no fault '{name}'; there are {names}") from None
+        known = {fault.value: fault for fault in InjectedFault}
+        if name not in known:
+            raise DriverError(f"there is no fault '{name}'; there are {', '.join(known)}")
+        fault = known[name]
         if fault.target is FaultTarget.ROBOT:
             places: dict[str, int | str] = {"": 0, "robot": 0}
         elif fault.target is FaultTarget.BUS:
@@ -169,28 +162,30 @@ class FaultInjector:
             prefix = fault.target.value.removesuffix("K")
             places = {f"{prefix}{index + 1}": index for index in range(len(self._drives))}
         if place not in places:
-            known = ", ".join(filter(None, places))
             raise DriverError(
-                f"{name}: there is no '{place}' it could happen to; say '{name} PLACE' with one of {known}"
+                f"{name}: there is no '{place}' it could happen to; say '{name} PLACE' with one of "
+                f"{', '.join(filter(None, places))}"
             )
         return FaultOrder(fault, places[place])
 
     def inject(self, order: FaultOrder) -> None:
         """Inject a fault now; unless it is momentary, it lasts until `clear`."""
         with self._machine.lock:
-            if order.fault.target is FaultTarget.BUS:
-                self._disturb(order.fault, str(order.place))
-            elif order.fault.target is FaultTarget.CABLE:
-                self._harm_cable(order.fault, int(order.place))
-            elif order.fault.target is FaultTarget.MOTOR:
-                self._harm_drive(order.fault, int(order.place))
-            elif order.fault is InjectedFault.PLATFORM_CAUGHT:
-                self._machine.advance(self._machine.now())
-                self._machine.plant.catch_platform(True)
-                self._remedies.append(lambda: self._machine.plant.catch_platform(False))
-            else:
-                self._remedies.append(partial(self._stop_by_emergency, False))
-                self._stop_by_emergency(True)
+            fault, place = order.fault, order.place
+            if fault.target is FaultTarget.BUS:
+                disturb = self._buses[str(place)]
+                disturb(BusDisturbance[fault.value.removeprefix("bus_").upper()])
+                self._remedies.append(partial(disturb, BusDisturbance.NONE))
+            elif fault in _FLAGS:
+                devices = self._drives if fault.target is FaultTarget.MOTOR else self._load_cells
+                self._set(devices[int(place)], *_FLAGS[fault])
+            elif fault in _TORQUES:
+                drive = self._drives[int(place)]
+                self._remedies.append(drive.apply_faults)
+                self._set(drive, *_TORQUES[fault])
+                drive.apply_faults()
+            elif (repair := self._harm(fault, int(place))) is not None:
+                self._remedies.append(repair)
 
     def clear(self) -> None:
         """Repair everything; what stays latched in devices stays latched."""
@@ -199,65 +194,43 @@ class FaultInjector:
             for remedy in reversed(remedies):
                 remedy()
 
-    def _harm_drive(self, fault: InjectedFault, index: int) -> None:
+    def _harm(self, fault: InjectedFault, index: int) -> Callable[[], None] | None:
+        """Inject a fault that is more than a flag of a device; return what repairs it, `None` if it is momentary."""
         drive = self._drives[index]
+        machine, plant = self._machine, self._machine.plant
         match fault:
-            case InjectedFault.DRIVE_SILENT:
-                self._set(drive, "disconnected")
-            case InjectedFault.DRIVE_NO_FEEDBACK:
-                self._set(drive, "pdos_missing")
-            case InjectedFault.DRIVE_NO_HEARTBEAT:
-                self._set(drive, "heartbeat_missing")
             case InjectedFault.DRIVE_RESET:
                 drive.power_cycle()
             case InjectedFault.DRIVE_FAULT:
                 drive.fail(EmergencyCode.OVERTEMPERATURE)
             case InjectedFault.DRIVE_EMERGENCY:
-                self._set(drive, "warning")
+                self._set(drive, "warning", True)
                 drive.emergency(EmergencyCode.UNDERVOLTAGE)
-                self._remedies.append(drive.errors_over)
+                return drive.errors_over
             case InjectedFault.BRAKE_WEAK:
-                plant = self._machine.plant
                 plant.weaken_brake(index, _WEAK_BRAKE)
-                self._remedies.append(lambda: plant.weaken_brake(index, 1.0))
-            case _:
-                name, value = {
-                    InjectedFault.DRIVE_WRONG_MODE: ("mode_is_lost", True),
-                    InjectedFault.DRIVE_RUNAWAY: ("runs_away", 1.0),
-                    InjectedFault.DRIVE_PULLING: ("runs_away", -0.6),
-                    InjectedFault.WINCH_BLOCKED: ("blocked", True),
-                }[fault]
-                self._remedies.append(drive.apply_faults)
-                self._set(drive, name, value)
-                drive.apply_faults()
-
-    def _harm_cable(self, fault: InjectedFault, index: int) -> None:
-        cell = self._load_cells[index]
-        match fault:
-            case InjectedFault.LOAD_CELL_SILENT:
-                self._set(cell, "disconnected")
-            case InjectedFault.LOAD_CELL_SATURATED:
-                self._set(cell, "saturated")
-            case InjectedFault.LOAD_CELL_STUCK:
-                self._set(cell, "stuck")
+                return partial(plant.weaken_brake, index, 1.0)
             case InjectedFault.LOAD_CELL_DRIFTING:
+                cell = self._load_cells[index]
                 cell.drift(_DRIFT)
-                self._remedies.append(lambda: cell.drift(0.0))
-            case _:
-                plant = self._machine.plant
-                self._machine.advance(self._machine.now())
+                return partial(cell.drift, 0.0)
+            case InjectedFault.CABLE_SLACK:
+                machine.advance(machine.now())
                 plant.slip_cable(index, _SLACK)
-                self._remedies.append(lambda: plant.slip_cable(index, -_SLACK))
-
-    def _disturb(self, fault: InjectedFault, name: str) -> None:
-        bus = self._buses[name]
-        bus.disturb(BusDisturbance[fault.value.removeprefix("bus_").upper()])
-        self._remedies.append(lambda: bus.disturb(BusDisturbance.NONE))
+                return partial(plant.slip_cable, index, -_SLACK)
+            case InjectedFault.PLATFORM_CAUGHT:
+                machine.advance(machine.now())
+                plant.catch_platform(True)
+                return partial(plant.catch_platform, False)
+            case InjectedFault.EMERGENCY_STOP:
+                self._stop_by_emergency(True)
+                return partial(self._stop_by_emergency, False)
+        return None
 
     def _stop_by_emergency(self, active: bool) -> None:
         for drive in self._drives:
             drive.set_emergency_stop(active)
 
-    def _set(self, device: EmulatedNode, name: str, value: float = True) -> None:
+    def _set(self, device: EmulatedNode, name: str, value: float) -> None:
         setattr(device, name, value)
         self._remedies.append(lambda: setattr(device, name, type(value)(0)))

@@ -9,27 +9,28 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import can
 import canopen
 
+from cspr_drivers.bus.can_bus import Receiver
 from cspr_drivers.bus.opening import open_bus
 from cspr_drivers.bus.virtual_bus import QuickVirtualBus
 from cspr_drivers.canopen.frame_table import SYNC_COB_ID
 from cspr_drivers.clock import COMPUTER, Clock
-from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
-from cspr_drivers.errors import BusError, ConfigurationError, DriverError
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.errors import BusError, DriverError
+from cspr_drivers.simulation.bus.bus_timing import BusDisturbance
 from cspr_drivers.simulation.bus.timed_bus import TimedBus
-from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
-from cspr_drivers.simulation.devices.node import EmulatedNode
-from cspr_drivers.simulation.fault_injection import FaultInjector, FaultOrder
-from cspr_drivers.simulation.plant.shared import PlantModel, SharedPlant
+from cspr_drivers.simulation.emulated_devices import EmulatedDevices
+from cspr_drivers.simulation.fault_injection import FaultInjector
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import Payload
 
-DRIVE_EDS = "cia402_drive.eds"
-LOAD_CELL_EDS = "cia404_load_cell.eds"
+if TYPE_CHECKING:
+    from cspr_drivers.simulation.plant.plant import Plant
 
 # s between two looks at time-outs and brakes. With SYNC the looks come with it; without, a thread looks, more
 # often while a brake moves.
@@ -45,7 +46,7 @@ _STALE = 0.05
 _LONGEST_CLOSING = 0.1  # s until the receiving thread of a bus sees that it has to end
 
 
-class RobotEmulator:
+class RobotEmulator(EmulatedDevices):
     """The devices of `can.yaml`, on the buses that it names: virtual, or SocketCAN for a driver in another process.
 
     Each bus has one interface and one canopen network for all of its devices. They measure at the time stamp
@@ -53,32 +54,22 @@ class RobotEmulator:
 
     Parameters
     ----------
-    can_config
-        Buses and devices.
-    simulation
-        The true machine; its noise and delays are those of the devices.
-    plant
-        The machine's model, at its time 0.
-    eds_directory
-        Directory of the EDS files `cia402_drive.eds` and `cia404_load_cell.eds`.
+    can_config, simulation, plant, eds_directory, clock
+        As of `EmulatedDevices`.
     bus_timing
         Whether frames on virtual buses take as long as on a real bus, see `TimedBus`.
-    clock
-        Clock of the machine.
 
     Attributes
     ----------
-    machine
-        The plant with its lock and time.
-    drives, load_cells
-        The devices, in the order of the cables.
+    faults
+        Puts faults into devices and buses.
     missed_syncs
         SYNCs that were not answered because they were read too late.
 
     Raises
     ------
     ConfigurationError
-        If the two configurations differ in their number of motors, or an EDS file is missing.
+        As `EmulatedDevices`.
     BusError
         If a bus cannot be opened.
     """
@@ -87,30 +78,26 @@ class RobotEmulator:
         self,
         can_config: CanConfig,
         simulation: SimulationConfig,
-        plant: PlantModel,
+        plant: Plant,
         eds_directory: Path,
         bus_timing: bool = False,
         clock: Clock = COMPUTER,
     ) -> None:
+        super().__init__(can_config, simulation, plant, eds_directory, clock)
         self._clock = clock
-        self.machine = SharedPlant(plant, simulation.payload_changes, clock)
-        self.drives, self.load_cells = emulated_devices(can_config, simulation, self.machine, eds_directory)
         # The torques of a cycle are applied while the amplifiers convert, or by the next SYNC: whoever sends them
         # need not wait for the plant.
         self.machine.inputs_at_once = 2 * len(self.drives)
-        self._nodes: tuple[EmulatedNode, ...] = (*self.drives, *self.load_cells)
         self._networks: list[canopen.Network] = []
-        buses: dict[str, TimedBus] = {}
+        buses: dict[str, Callable[[BusDisturbance], None]] = {}
         self.missed_syncs = 0
         self._last_tick = 0.0
         self._stopping = threading.Event()
-        self._conversion_time = simulation.load_cells.conversion_time
         # How far the plant moves on after a SYNC while there is time for it: never past the next one.
-        self._head_start = self._conversion_time if self._conversion_time < can_config.period else 0.0
-        self._conversions: SimpleQueue[tuple[float, tuple[EmulatedNode, ...]] | None] = SimpleQueue()
+        self._head_start = self.conversion_time if self.conversion_time < can_config.period else 0.0
+        self._conversions: SimpleQueue[tuple[float, tuple[LoadCellEmulator, ...]] | None] = SimpleQueue()
         self._converter = threading.Thread(target=self._convert, name="amplifiers", daemon=True)
         self._ticker = threading.Thread(target=self._keep_time, name="emulated devices", daemon=True)
-        node_configs: tuple[DriveConfig | LoadCellConfig, ...] = (*can_config.drives, *can_config.load_cells)
         try:
             for bus in can_config.buses:
                 network = canopen.Network(open_bus(bus, clock=clock))
@@ -119,23 +106,20 @@ class RobotEmulator:
                     network.bus = TimedBus(
                         network.bus, bus.bitrate, partial(self._deliver, network), bus_timing, clock
                     )
-                    buses[bus.name] = network.bus
+                    buses[bus.name] = network.bus.disturb
                 else:
                     network.NOTIFIER_CYCLE = _LONGEST_CLOSING
-                    network.listeners[:] = [_Receiver(network, partial(self._deliver, network), clock)]
+                    network.listeners[:] = [
+                        Receiver(partial(self._deliver, network), partial(self._interface_failed, network))
+                    ]
                     network.connect()
-                for config, node in zip(node_configs, self._nodes, strict=True):
-                    if config.bus == bus.name:
-                        network.add_node(node)
-                drives = tuple(node for node in self.drives if node.network is network)
-                load_cells = tuple(node for node in self.load_cells if node.network is network)
-                network.subscribe(SYNC_COB_ID, partial(self._on_sync, drives, load_cells))
+                self.join(bus.name, network)
+                network.subscribe(SYNC_COB_ID, partial(self._on_sync, network))
         except BusError:
             self.close()
             raise
-        self._injector = FaultInjector(self.drives, self.load_cells, self.machine, buses)
-        for node in self._nodes:
-            node.power_on()
+        self.faults = FaultInjector(self.drives, self.load_cells, self.machine, buses)
+        self.power_on()
         self._ticker.start()
         self._converter.start()
 
@@ -162,11 +146,6 @@ class RobotEmulator:
         self._networks = []
 
     @property
-    def failure(self) -> DriverError | None:
-        """The error that ended the simulation, `None` while it runs."""
-        return self.machine.failure
-
-    @property
     def lag(self) -> float:
         """Time by which the plant is behind the clock, s; a few cycles are normal."""
         return self.machine.now() - self.machine.time
@@ -190,18 +169,6 @@ class RobotEmulator:
             time = self.machine.now() if at is None else self.machine.from_system_time(at)
             self.machine.change_payload(payload, time)
 
-    def read_fault(self, text: str) -> FaultOrder:
-        """Return what a text such as ``drive_silent motor_3`` orders; see `FaultInjector.read`."""
-        return self._injector.read(text)
-
-    def inject(self, order: FaultOrder) -> None:
-        """Inject a fault now; see `InjectedFault` for what there is."""
-        self._injector.inject(order)
-
-    def clear_faults(self) -> None:
-        """Repair all that was injected; what is latched stays latched."""
-        self._injector.clear()
-
     def slack_cables(self) -> tuple[int, ...]:
         """Return the numbers, from 0, of the cables that had no tension when the devices last measured."""
         # Without the lock: who asks is not to wait for the plant, and a measurement never changes.
@@ -219,31 +186,25 @@ class RobotEmulator:
                 self.machine.failure = DriverError(f"an emulated device failed: {error!r}")
                 traceback.print_exception(error)
 
-    def _on_sync(
-        self,
-        drives: tuple[EmulatedNode, ...],
-        load_cells: tuple[EmulatedNode, ...],
-        _can_id: int,
-        _data: bytearray,
-        timestamp: float,
-    ) -> None:
+    def _interface_failed(self, network: canopen.Network, error: Exception) -> None:
+        """Go on after a failure, as the interface may come up again: canopen would stop sending."""
+        if network.notifier is not None:
+            network.notifier.exception = None
+        self._clock.sleep(_LONGEST_CLOSING)
+
+    def _on_sync(self, network: canopen.Network, _can_id: int, _data: bytearray, timestamp: float) -> None:
         machine = self.machine
         with machine.lock:
             time = machine.time_at(timestamp)
             if machine.now() - time > _STALE:
                 self.missed_syncs += 1
                 return
-            machine.advance(time, exactly=True)
-            for node in drives:
-                node.sync(time)
-            # Drives come first on a real bus too, by their identifiers.
-            if self._conversion_time == 0.0:
-                for node in load_cells:
-                    node.sync(time)
+            load_cells = self.measure(network, time)
+            if self.conversion_time == 0.0:
+                for cell in load_cells:
+                    cell.answer(time)
                 self._tick_after_sync(time)
             else:
-                for node in load_cells:
-                    node.latch()
                 self._conversions.put((time, load_cells))
 
     def _convert(self) -> None:
@@ -251,10 +212,10 @@ class RobotEmulator:
         machine = self.machine
         while (conversion := self._conversions.get()) is not None:
             time, load_cells = conversion
-            self._clock.sleep(max(0.0, time + self._conversion_time - machine.now()))
+            self._clock.sleep(max(0.0, time + self.conversion_time - machine.now()))
             with machine.lock:
-                for node in load_cells:
-                    node.answer(time)
+                for cell in load_cells:
+                    cell.answer(time)
                 try:
                     machine.apply_arrived(machine.now())
                     # Done here, it need not be done at the next SYNC, when the drivers wait for the drives' answers.
@@ -281,84 +242,16 @@ class RobotEmulator:
                     if now - self._last_tick >= _TICK:
                         machine.advance(now - _PLANT_LAG)
                         machine.measure()
-                        self._tick(now, supervise=not late)
+                        self.tick(now, supervise=not late)
                 except DriverError:
                     return  # the plant failed, and `failure` says why
 
     def _tick_after_sync(self, time: float) -> None:
         """Look at time-outs and brakes; everything that was sent before the SYNC has been read."""
         if time - self._last_tick >= _TICK:
-            self._tick(time, supervise=True)
+            self.tick(time)
 
-    def _tick(self, time: float, supervise: bool) -> None:
+    def tick(self, time: float, supervise: bool = True) -> None:
+        """Let all devices do what is due; see `EmulatedNode.tick`."""
         self._last_tick = time
-        for node in self._nodes:
-            node.tick(time, supervise)
-
-
-def emulated_devices(
-    can_config: CanConfig, simulation: SimulationConfig, machine: SharedPlant, eds_directory: Path
-) -> tuple[tuple[DriveEmulator, ...], tuple[LoadCellEmulator, ...]]:
-    """Return the drives and the load cells of a configuration, in the order of the cables, on no bus yet.
-
-    Raises
-    ------
-    ConfigurationError
-        As `RobotEmulator` does.
-    """
-    count = simulation.robot.number_of_cables
-    for key, devices in (("drives", can_config.drives), ("load_cells", can_config.load_cells)):
-        if len(devices) != count:
-            raise ConfigurationError(
-                f"{can_config.source}: {key}: lists {len(devices)} devices, but the simulated robot has "
-                f"{count} cables"
-            )
-    for name in (DRIVE_EDS, LOAD_CELL_EDS):
-        if not (eds_directory / name).is_file():
-            raise ConfigurationError(
-                f"{eds_directory / name}: missing; it describes the devices of {can_config.source}, beside it"
-            )
-    drives = tuple(
-        DriveEmulator(
-            config,
-            eds_directory / DRIVE_EDS,
-            machine,
-            index,
-            simulation.brake,
-            simulation.drive,
-            can_config.brake_open_bit,
-        )
-        for index, config in enumerate(can_config.drives)
-    )
-    load_cells = tuple(
-        LoadCellEmulator(
-            config,
-            eds_directory / LOAD_CELL_EDS,
-            machine,
-            index,
-            simulation.load_cells,
-            simulation.seed,
-        )
-        for index, config in enumerate(can_config.load_cells)
-    )
-    return drives, load_cells
-
-
-class _Receiver:
-    """Called by python-can's receiving thread, for one SocketCAN bus; the devices outlive its interface."""
-
-    def __init__(
-        self, network: canopen.Network, deliver: Callable[[can.Message], None], clock: Clock
-    ) -> None:
-        self._network = network
-        self._clock = clock
-        self._deliver = deliver
-
-    def __call__(self, message: can.Message) -> None:
-        self._deliver(message)
-
-    def on_error(self, error: Exception) -> None:
-        """Go on after a failure, as the interface may come up again: canopen would stop sending."""
-        if self._network.notifier is not None:
-            self._network.notifier.exception = None
-        self._clock.sleep(_LONGEST_CLOSING)
+        super().tick(time, supervise)

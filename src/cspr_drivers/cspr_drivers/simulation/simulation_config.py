@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from cspr_drivers.config.file_errors import as_configuration_error
 from cspr_kinematics import Payload, RigidBody, Robot
-from cspr_kinematics.arrays import frozen
 from cspr_kinematics.configuration.structure import (
     NotNegative,
     Positive,
@@ -25,8 +22,6 @@ from cspr_kinematics.configuration.structure import (
 from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import ConfigurationFileError
 from cspr_kinematics.robot.robot_description import PulleysEntry
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -89,10 +84,10 @@ class LoadCellProperties:
         From SYNC, at which the tension is latched, to the amplifier's answer, s.
     """
 
-    noise_std: float
-    gain_error: FloatArray
-    offset: FloatArray
-    conversion_time: float = 0.0
+    noise_std: NotNegative
+    gain_error: list[float]
+    offset: list[float]
+    conversion_time: NotNegative
 
 
 @dataclass(frozen=True)
@@ -103,19 +98,26 @@ class PayloadChange:
     payload: Payload
 
 
-@dataclass(frozen=True)
-class SimulationConfig:
-    """Everything that the simulated machine is and the controller is not told."""
+@dataclass(frozen=True, kw_only=True)
+class SimulationValues:
+    """What is used as it stands in the file; `time_step` is the longest step of the integration, s."""
 
-    robot: Robot
     cables: CableProperties
     brake: BrakeProperties
     drive: DriveProperties
     load_cells: LoadCellProperties
+    # the fastest mode, the platform turning on its cables, is near 100 Hz
+    time_step: Annotated[float, Meta(gt=0.0, le=2e-3, description="or the cables are not integrated stably")]
+    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationConfig(SimulationValues):
+    """Everything that the simulated machine is and the controller is not told."""
+
+    robot: Robot
     payload: Payload
     payload_changes: tuple[PayloadChange, ...]
-    time_step: float
-    seed: int
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> SimulationConfig:
@@ -149,16 +151,6 @@ class _TrueValues:
 
 
 @dataclass(frozen=True)
-class _LoadCellEntry:
-    """As `LoadCellProperties`."""
-
-    noise_std: NotNegative
-    gain_error: list[float]
-    offset: list[float]
-    conversion_time: NotNegative
-
-
-@dataclass(frozen=True)
 class _PayloadEntry:
     """Mass in kg, its centre in m in platform axes."""
 
@@ -173,21 +165,14 @@ class _PayloadChangeEntry(_PayloadEntry):
     time: NotNegative
 
 
-@dataclass(frozen=True)
-class _File:
-    """The content of simulation.yaml; `time_step` is the longest step of the integration, s."""
+@dataclass(frozen=True, kw_only=True)
+class _File(SimulationValues):
+    """The content of simulation.yaml."""
 
     robot: Text
     true_values: _TrueValues
-    cables: CableProperties
-    brake: BrakeProperties
-    drive: DriveProperties
-    load_cells: _LoadCellEntry
     payload: _PayloadEntry
     payload_changes: list[_PayloadChangeEntry]
-    # the fastest mode, the platform turning on its cables, is near 100 Hz
-    time_step: Annotated[float, Meta(gt=0.0, le=2e-3, description="or the cables are not integrated stably")]
-    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)]
 
 
 def _config(file: _File, path: Path) -> SimulationConfig:
@@ -201,19 +186,9 @@ def _config(file: _File, path: Path) -> SimulationConfig:
     changes = sorted(file.payload_changes, key=lambda change: change.time)
     return SimulationConfig(
         robot=robot,
-        cables=file.cables,
-        brake=file.brake,
-        drive=file.drive,
-        load_cells=LoadCellProperties(
-            file.load_cells.noise_std,
-            frozen(np.array(file.load_cells.gain_error)),
-            frozen(np.array(file.load_cells.offset)),
-            file.load_cells.conversion_time,
-        ),
+        **{field.name: getattr(file, field.name) for field in dataclasses.fields(SimulationValues)},
         payload=Payload(file.payload.mass, file.payload.center_of_mass),
         payload_changes=tuple(PayloadChange(c.time, Payload(c.mass, c.center_of_mass)) for c in changes),
-        time_step=file.time_step,
-        seed=file.seed,
     )
 
 

@@ -4,7 +4,8 @@ import struct
 import pytest
 
 from cspr_drivers.canopen.cia402 import State, decode_state
-from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, NmtCommand, NmtState, SdoAbort
+from cspr_drivers.canopen.nmt import NmtCommand, NmtState
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 
 NODE_ID = 5
 MASTER_ID = 127

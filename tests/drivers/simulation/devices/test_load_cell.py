@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from cspr_drivers.canopen.cia404 import AUTOZERO_SIGNATURE, NEWTON, InputStatus
-from cspr_drivers.simulation.devices.canopen_codes import NmtCommand, SdoAbort
+from cspr_drivers.canopen.nmt import NmtCommand
+from cspr_drivers.simulation.devices.canopen_codes import SdoAbort
 
 
 @pytest.fixture

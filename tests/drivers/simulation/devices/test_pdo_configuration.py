@@ -1,7 +1,8 @@
 import pytest
 
 from cspr_drivers.canopen.cia402 import State
-from cspr_drivers.simulation.devices.canopen_codes import NmtCommand, SdoAbort
+from cspr_drivers.canopen.nmt import NmtCommand
+from cspr_drivers.simulation.devices.canopen_codes import SdoAbort
 
 RPDO = 0x205
 

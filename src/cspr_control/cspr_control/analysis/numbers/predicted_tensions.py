@@ -33,14 +33,11 @@ class PredictedTensions:
     time_ns : ndarray, shape (n,)
     dynamic, static : ndarray, shape (n, m)
         N.
-    payload_mass : ndarray, shape (n,)
-        kg.
     """
 
     time_ns: Times
     dynamic: Floats
     static: Floats
-    payload_mass: Floats
 
     def dynamic_at(self, time_ns: Times) -> Floats:
         """Return the dynamic model's tensions at other times, between the references; shape (k, m)."""
@@ -68,13 +65,11 @@ def predict_tensions(robot: Robot, references: References, payload: Inertias | N
     pose = Pose.from_quaternion(references.position, references.quaternion_xyzw)
     twist = Twist(references.linear_velocity, references.angular_velocity)
     acceleration = Acceleration(references.linear_acceleration, references.angular_acceleration)
-    mass = np.zeros(references.time_ns.size)
     parameters = np.zeros((references.time_ns.size, 10))
     if payload is not None:
         since = np.searchsorted(payload.log_time_ns, references.time_ns, side="right") - 1
-        mass, parameters = _payload_parameters(payload)
-        known = np.maximum(since, 0)  # before the first one is known it already hung there
-        mass, parameters = mass[known], parameters[known]
+        # before the first one is known it already hung there
+        parameters = _payload_parameters(payload)[np.maximum(since, 0)]
     A, limits = inverse_kinematics(robot, pose).wrench_matrix, (robot.tension_min, robot.tension_max)
     tensions = []
     for t, a in ((twist, acceleration), (Twist.zero(), Acceleration.zero())):
@@ -82,13 +77,13 @@ def predict_tensions(robot: Robot, references: References, payload: Inertias | N
         taken = np.einsum("nij,nj->ni", balance_regressor(pose, t, a), parameters)
         wrench = required_wrench(robot, pose, t, a, None, -taken)
         tensions.append(distribute_tensions(A, wrench, *limits, "closest").tensions)
-    return PredictedTensions(references.time_ns, tensions[0], tensions[1], mass)
+    return PredictedTensions(references.time_ns, tensions[0], tensions[1])
 
 
-def _payload_parameters(payload: Inertias) -> tuple[Floats, Floats]:
-    """Return masses (k,) and inertial parameters (k, 10) of payloads; a mass that is not one counts as none."""
+def _payload_parameters(payload: Inertias) -> Floats:
+    """Return the inertial parameters (k, 10) of payloads; a mass that is not one counts as none."""
     mass = np.where(np.isfinite(payload.mass) & (payload.mass > 0.0), payload.mass, 0.0)
     rows = np.column_stack((mass, np.nan_to_num(payload.center_of_mass)))
     distinct, place = np.unique(rows, axis=0, return_inverse=True)
     parameters = np.array([Payload(row[0], row[1:]).inertial_parameters for row in distinct])
-    return mass, parameters[place.reshape(-1)]
+    return np.asarray(parameters[place.reshape(-1)])

@@ -13,7 +13,7 @@ import os
 from collections import Counter
 from enum import Enum, auto
 from heapq import heappop, heappush
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import can
 
@@ -45,13 +45,6 @@ class BusDisturbance(Enum):
 _REFUSALS = {BusDisturbance.DOWN: errno.ENETDOWN, BusDisturbance.REMOVED: errno.ENXIO}
 _LOSES_FRAMES = (BusDisturbance.OFF, *_REFUSALS)
 _BUS_OFF = 0x40  # class of error frames, linux/can/error.h
-
-
-class Disturbable(Protocol):
-    """A bus on which things can go wrong."""
-
-    def disturb(self, disturbance: BusDisturbance) -> None:
-        """Set what disturbs the bus from now on."""
 
 
 class Passed(NamedTuple):

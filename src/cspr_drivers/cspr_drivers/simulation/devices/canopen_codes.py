@@ -1,27 +1,8 @@
-"""Numbers of CiA 301 that emulated devices answer with: NMT, SDO abort codes, emergency codes."""
+"""Numbers of CiA 301 that emulated devices answer with: SDO abort codes, emergency codes."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-
-
-class NmtState(IntEnum):
-    """NMT state of a node as its heartbeat carries it (CiA 301, section 7.2.8.3.2.2)."""
-
-    BOOT_UP = 0
-    STOPPED = 4
-    OPERATIONAL = 5
-    PRE_OPERATIONAL = 127
-
-
-class NmtCommand(IntEnum):
-    """Command specifier of an NMT frame (CiA 301, section 7.2.8.3.1)."""
-
-    START = 1
-    STOP = 2
-    ENTER_PRE_OPERATIONAL = 128
-    RESET_NODE = 129
-    RESET_COMMUNICATION = 130
 
 
 class SdoAbort(IntEnum):
@@ -47,7 +28,6 @@ class EmergencyCode(IntEnum):
     """Emergency error codes in use (CiA 301, section 7.2.7.1; CiA 402-2, error code 603Fh)."""
 
     NO_ERROR = 0x0000
-    SHORT_CIRCUIT = 0x2320
     UNDERVOLTAGE = 0x3220
     OVERTEMPERATURE = 0x4310
     COMMUNICATION = 0x8100
@@ -55,15 +35,3 @@ class EmergencyCode(IntEnum):
     PROTOCOL = 0x8200
     PDO_LENGTH = 0x8210
     RPDO_TIMEOUT = 0x8250
-
-
-# Bit of the error register, object 1001h, by the highest digit of the emergency code.
-_REGISTER_BITS = {0x2: 1 << 1, 0x3: 1 << 2, 0x4: 1 << 3, 0x8: 1 << 4}
-_GENERIC_ERROR = 1 << 0
-
-
-def error_register(code: int) -> int:
-    """Return the bits of the error register, 1001h, that belong to an emergency code."""
-    if code == EmergencyCode.NO_ERROR:
-        return 0
-    return _GENERIC_ERROR | _REGISTER_BITS.get(code >> 12, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from canopen.sdo import SdoAbortedError
@@ -13,8 +13,9 @@ from cspr_drivers.canopen.cia402 import (
     STATUS_BITS,
     State,
 )
+from cspr_drivers.canopen.nmt import NmtState
 from cspr_drivers.config.can_config import DriveConfig
-from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, NmtState, SdoAbort
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, DriveTiming, OptionCodes, Phase
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.plant.shared import SharedPlant
@@ -42,17 +43,17 @@ _NO_ACTION = 0
 _FAULT_SIGNAL = 1
 _DISABLE_VOLTAGE = 2
 
-_RAMPS = (0, 1, 2)
 # Values that this drive offers of each option code, and where it keeps them. Those that stop at the limit of
 # current or of voltage (3 and 4) are optional, and not offered.
 _OPTION_CODES = {
+    0x6007: ("", (_NO_ACTION, _FAULT_SIGNAL, _DISABLE_VOLTAGE, QUICK_STOP_ON_LOST_CONNECTION)),
     0x605A: ("quick_stop", (0, 1, 2, 5, 6)),
     0x605B: ("shutdown", (0, 1)),
     0x605C: ("disable_operation", (0, 1)),
     0x605D: ("halt", (1, 2)),
-    0x605E: ("fault_reaction", _RAMPS),
+    0x605E: ("fault_reaction", (0, 1, 2)),
+    0x6088: ("", (_LINEAR_RAMP,)),
 }
-_ABORT_CONNECTION_OPTIONS = (_NO_ACTION, _FAULT_SIGNAL, _DISABLE_VOLTAGE, QUICK_STOP_ON_LOST_CONNECTION)
 
 _STANDSTILL_SPEED = 1.0  # rad/s at the motor shaft: some 2 mm/s of cable
 
@@ -151,10 +152,8 @@ class DriveEmulator(EmulatedNode):
             (0x6071, 0): self._write_target_torque,
             (0x6072, 0): self._write_max_torque,
         }
-        self.writers[0x6088, 0] = self._option_writer(0x6088, "", (_LINEAR_RAMP,))
-        self.writers[0x6007, 0] = self._option_writer(0x6007, "", _ABORT_CONNECTION_OPTIONS)
         for option, (name, allowed) in _OPTION_CODES.items():
-            self.writers[option, 0] = self._option_writer(option, name, allowed)
+            self.writers[option, 0] = partial(self._write_option, option, name, allowed)
 
     @property
     def mapping_locked(self) -> bool:
@@ -343,15 +342,12 @@ class DriveEmulator(EmulatedNode):
             raise SdoAbortedError(SdoAbort.DEVICE_STATE)
         self._mode = mode
 
-    def _option_writer(self, index: int, name: str, allowed: tuple[int, ...]) -> Callable[[int], None]:
-        def write(value: int) -> None:
-            if value not in allowed:
-                raise SdoAbortedError(SdoAbort.INVALID_VALUE)
-            self._store(index, 0, value)
-            if name:
-                setattr(self.automaton.options, name, value)
-
-        return write
+    def _write_option(self, index: int, name: str, allowed: tuple[int, ...], value: int) -> None:
+        if value not in allowed:
+            raise SdoAbortedError(SdoAbort.INVALID_VALUE)
+        self._store(index, 0, value)
+        if name:
+            setattr(self.automaton.options, name, value)
 
 
 def _wrapped(counts: int) -> int:

@@ -84,6 +84,8 @@ class DriveStateMachine:
         State that the status word reports.
     phase
         What power stage and brake are doing.
+    brake_open
+        Whether the brake is open.
     options
         How it stops.
     halted
@@ -100,7 +102,7 @@ class DriveStateMachine:
         self._ramp = QUICK_STOP_RAMP
         self._stays = False
         self._next_state = State.SWITCH_ON_DISABLED  # taken when the power goes
-        self._brake_open = False
+        self.brake_open = False
         self._last_word = 0
 
     @property
@@ -123,11 +125,6 @@ class DriveStateMachine:
                 return 0.0
             return _SLOW_DOWN if self.options.halt == SLOW_DOWN_RAMP else 1.0
         return _SLOW_DOWN if self._ramp == SLOW_DOWN_RAMP and self.phase is Phase.SLOWING else 1.0
-
-    @property
-    def brake_open(self) -> bool:
-        """Whether the brake is open."""
-        return self._brake_open
 
     @property
     def settled(self) -> bool:
@@ -218,14 +215,14 @@ class DriveStateMachine:
                 self._close_brake(time)
         elif self.phase is Phase.RELEASING and time >= self._phase_end:
             self.phase = Phase.RUNNING
-            self._brake_open = True
+            self.brake_open = True
         elif self.phase is Phase.CLOSING and time >= self._phase_end:
             self.phase = Phase.OFF
-            self._brake_open = False
+            self.brake_open = False
             self.state = self._next_state
         elif self.phase is Phase.COASTING and time >= self._phase_end:
             self.phase = Phase.OFF
-            self._brake_open = False
+            self.brake_open = False
 
     def _switch(self, word: int, time: float, may_operate: bool) -> None:
         """Take the transitions of the states without power (2, 3, 4, 6, 7, 10 of CiA 402-2)."""
@@ -287,7 +284,7 @@ class DriveStateMachine:
 
     def _cut_power(self, state: State, time: float) -> None:
         self.state = state
-        if self._brake_open:
+        if self.brake_open:
             # a brake that was closing already goes on doing so
             end = time + self._timing.brake_close_delay
             self._phase_end = min(end, self._phase_end) if self.phase is Phase.CLOSING else end

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, error_register
+from cspr_drivers.canopen.emergency import error_register
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode
 
 _HISTORY_LENGTH = 8  # subindices of 1003h in the EDS files
 

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 
 class HeartbeatProducer:
-    """When the device's own heartbeat is due."""
+    """When the device's own heartbeat is due.
+
+    Attributes
+    ----------
+    milliseconds
+        Producer heartbeat time (1017h), 0 for none.
+    """
 
     def __init__(self) -> None:
-        self._milliseconds = 0
-        self._next = 0.0
+        self.produce(0)
 
-    @property
-    def milliseconds(self) -> int:
-        """Producer heartbeat time (1017h), 0 for none; setting it starts a new period."""
-        return self._milliseconds
-
-    @milliseconds.setter
-    def milliseconds(self, value: int) -> None:
-        self._milliseconds = value
+    def produce(self, milliseconds: int) -> None:
+        """Start a new period of a heartbeat, 0 for none."""
+        self.milliseconds = milliseconds
         self._next = 0.0
 
     def due(self, time: float) -> bool:
         """Return whether a heartbeat is due at a time, s; it then counts as sent."""
-        if not self._milliseconds or time < self._next:
+        if not self.milliseconds or time < self._next:
             return False
         # A producer that was held up goes on from now instead of catching up in a burst.
-        self._next = max(self._next + self._milliseconds * 1e-3, time)
+        self._next = max(self._next + self.milliseconds * 1e-3, time)
         return True
 
 

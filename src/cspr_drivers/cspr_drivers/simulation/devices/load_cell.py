@@ -58,8 +58,8 @@ class LoadCellEmulator(EmulatedNode):
         self._index = index
         self._units = config.units
         self._noise_std = errors.noise_std
-        self._gain = 1.0 + float(errors.gain_error[index])
-        self._offset = float(errors.offset[index])
+        self._gain = 1.0 + errors.gain_error[index]
+        self._offset = errors.offset[index]
         self._generator = np.random.default_rng((seed, index))
         self._noise: list[float] = []
         self.stuck = self.saturated = False

@@ -14,8 +14,9 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo import SdoAbortedError
 
 from cspr_drivers.canopen.frame_table import NMT_COB_ID, FunctionCode, cob_id
+from cspr_drivers.canopen.nmt import NmtCommand, NmtState
 from cspr_drivers.errors import FrameError
-from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, NmtCommand, NmtState, SdoAbort
+from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 from cspr_drivers.simulation.devices.error_log import ErrorLog
 from cspr_drivers.simulation.devices.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from cspr_drivers.simulation.devices.pdo_configuration import Direction, PdoConfiguration, find_object
@@ -90,12 +91,13 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             (0x1016, 1): lambda: self._master.value,
             (0x1017, 0): lambda: self._heartbeat.milliseconds,
         }
+        self.add_read_callback(self._read_live)
         for place in range(len(self.object_dictionary[0x1003]) - 1):
             self.readers[0x1003, place + 1] = partial(self._past_error, place)
         self.writers: dict[tuple[int, int], Callable[[int], None]] = {
             (0x1003, 0): self._clear_error_history,
             (0x1016, 1): self._watch_heartbeat,
-            (0x1017, 0): self._produce_heartbeat,
+            (0x1017, 0): self._heartbeat.produce,
         }
 
     # What an application adds
@@ -123,12 +125,10 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         """Return the present value of an object that is a number."""
         return int(self._find_object(index, subindex).decode_raw(self.get_data(index, subindex)))
 
-    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
-        """Return the data of an object, live or stored, as `canopen.LocalNode` does."""
+    def _read_live(self, index: int, subindex: int, od: ODVariable) -> int | None:
+        """Return the value of a live object; canopen asks for it before it looks for a stored one."""
         reader = self.readers.get((index, subindex))
-        if reader is None:
-            return bytes(super().get_data(index, subindex, check_readable))
-        return bytes(self._find_object(index, subindex).encode_raw(reader()))
+        return None if reader is None else reader()
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
         """Write an object as an SDO client asks, or refuse with `canopen.SdoAbortedError`."""
@@ -184,7 +184,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
             del self.data_store[index]
         for (index, subindex), value in self._nameplate.items():
             self._store(index, subindex, value)
-        self._produce_heartbeat(0)
+        self._heartbeat.produce(0)
         self._watch_heartbeat(0)
         self._install_pdos()
         self._send(cob_id(FunctionCode.HEARTBEAT, self.id), bytes([NmtState.BOOT_UP]))
@@ -216,7 +216,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
     def _send(self, can_id: int, data: bytes) -> None:
         if self.disconnected:
             return
-        # A device whose bus takes no frames loses them, but does not stop.
+        # As on a real bus: a frame that nobody takes is lost, and its producer carries on.
         with contextlib.suppress(can.CanError):
             self.network.send_message(can_id, data)
 
@@ -292,12 +292,8 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
     def _transmit(self, message: can.Message | None) -> None:
         if message is None or self.disconnected or self.pdos_missing:
             return
-        network = self.network
-        try:
-            with network.send_lock:
-                network.bus.send(message)
-        except can.CanError:
-            return  # as on a real bus: a frame that nobody takes is lost, and its producer carries on
+        with contextlib.suppress(can.CanError), self.network.send_lock:
+            self.network.bus.send(message)
 
     # Time
 
@@ -329,9 +325,6 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         for pdo in self._receive_pdos.values():
             if pdo.overdue(time):
                 self.connection_lost(EmergencyCode.RPDO_TIMEOUT, time)
-
-    def _produce_heartbeat(self, milliseconds: int) -> None:
-        self._heartbeat.milliseconds = milliseconds
 
     def _watch_heartbeat(self, value: int) -> None:
         node_id, milliseconds = value >> 16, value & 0xFFFF

@@ -35,15 +35,10 @@ _RESTRICTED_IDS = (
 
 
 class Direction(Enum):
-    """Direction of a PDO as the device sees it; the value holds the bases of its two parameters."""
+    """Direction of a PDO as the device sees it; the value: bases of its communication and mapping parameters."""
 
     RECEIVE = (0x1400, 0x1600)
     TRANSMIT = (0x1800, 0x1A00)
-
-
-class _Parameter(Enum):
-    COMMUNICATION = 0
-    MAPPING = 1
 
 
 @dataclass(frozen=True)
@@ -111,9 +106,9 @@ class PdoConfiguration:
         place = _place(index)
         if place is None:
             return
-        direction, parameter, number = place
+        direction, is_mapping, number = place
         valid = not self._read(direction.value[0] + number, 1) & _INVALID
-        if parameter is _Parameter.MAPPING:
+        if is_mapping:
             if valid or locked:
                 raise SdoAbortedError(SdoAbort.DEVICE_STATE)
             if subindex == 0:
@@ -197,13 +192,12 @@ def find_object(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVa
     return subindices[subindex]
 
 
-def _place(index: int) -> tuple[Direction, _Parameter, int] | None:
-    """Return direction, kind and number (0 for the first PDO) of a PDO parameter; None for other objects."""
+def _place(index: int) -> tuple[Direction, bool, int] | None:
+    """Return of a PDO parameter the direction, whether it is a mapping, and the number; None for other objects."""
+    base, number = index & ~0x1FF, index & 0x1FF
     for direction in Direction:
-        for parameter in _Parameter:
-            number = index - direction.value[parameter.value]
-            if 0 <= number < 0x200:
-                return direction, parameter, number
+        if base in direction.value:
+            return direction, base == direction.value[1], number
     return None
 
 

@@ -43,6 +43,11 @@ class Plant:
     config
         The true machine. The plant starts at rest at the home pose, in equilibrium, with brakes closed.
 
+    Attributes
+    ----------
+    payload
+        What the platform carries now.
+
     Raises
     ------
     PlantError
@@ -87,7 +92,7 @@ class Plant:
         self._cable_constants = np.array(
             [self._pay_out, cables.axial_stiffness, cables.damping_time, cables.dead_length]
         )
-        self._payload = Payload.none()
+        self.payload = Payload.none()
         self.set_payload(config.payload)
         self._free_lengths_at_home = self._equilibrium_free_lengths()
         # MuJoCo's arrays are views of memory that stays where it is.
@@ -120,7 +125,7 @@ class Plant:
         cables = inverse_kinematics(robot, robot.home)
         held = distribute_tensions(
             cables.wrench_matrix,
-            static_wrench(robot, robot.home, self._payload),
+            static_wrench(robot, robot.home, self.payload),
             robot.tension_min,
             robot.tension_max,
             method="closest",
@@ -128,7 +133,7 @@ class Plant:
         if not held.feasible:
             raise PlantError(
                 f"no cable tensions within {robot.tension_min:g}..{robot.tension_max:g} N hold the platform with a "
-                f"payload of {self._payload.mass:g} kg at the home pose: reduce the payload in simulation.yaml"
+                f"payload of {self.payload.mass:g} kg at the home pose: reduce the payload in simulation.yaml"
             )
         stretch = held.tensions / self._cables.axial_stiffness
         dead = self._cables.dead_length
@@ -140,11 +145,6 @@ class Plant:
         """Time since the plant was made, s."""
         return float(self._data.time)
 
-    @property
-    def payload(self) -> Payload:
-        """What the platform carries now."""
-        return self._payload
-
     def set_payload(self, payload: Payload) -> None:
         """Put a point mass on the platform in place of what it carries, moving with the platform from now on."""
         body, model = self._payload_body, self._model
@@ -153,7 +153,7 @@ class Plant:
         model.body_inertia[body] = max(payload.mass, 1e-6) * 1e-4
         model.body_ipos[body] = payload.center_of_mass
         mujoco.mj_setConst(model, self._scratch)
-        self._payload = payload
+        self.payload = payload
 
     def set_torque(self, index: int, torque: float) -> None:
         """Set the torque that a drive applies to its motor shaft, N m."""

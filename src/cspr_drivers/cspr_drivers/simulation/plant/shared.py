@@ -7,17 +7,15 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.simulation_config import PayloadChange
 from cspr_kinematics import Payload
 
-FloatArray = NDArray[np.float64]
+if TYPE_CHECKING:  # whoever has another model of the machine needs no MuJoCo
+    from cspr_drivers.simulation.plant.plant import Plant
 
 # s. A frame's time stamp further than this from its reception is of another clock (a CAN adapter's own, or a
 # system clock that was set meanwhile): the time of reception counts instead.
@@ -28,71 +26,6 @@ _SIMULTANEOUS_INPUTS = 0.5e-3
 
 # s. Two clocks are compared only when both were read within this time.
 _SIMULTANEOUS = 1e-5
-
-
-class PlantModel(Protocol):
-    """What the devices need of the simulated machine; `cspr_drivers.simulation.plant.plant.Plant` is one.
-
-    Motor quantities are at the motor shaft; positive angle and torque pay the cable out.
-    """
-
-    @property
-    def time(self) -> float:
-        """Time since the machine's start, s."""
-        ...
-
-    @property
-    def payload(self) -> Payload:
-        """What the platform carries now."""
-        ...
-
-    def advance(self, time: float) -> None:
-        """Integrate to a time with the inputs as they are; earlier times do nothing."""
-        ...
-
-    def set_payload(self, payload: Payload) -> None:
-        """Put a payload on the platform in place of what it carries."""
-        ...
-
-    def set_torque(self, index: int, torque: float) -> None:
-        """Set the torque of a motor, N m."""
-        ...
-
-    def set_damping(self, index: int, gain: float) -> None:
-        """Set the velocity feedback of a motor's drive, N m s/rad."""
-        ...
-
-    def set_brake(self, index: int, closed: bool) -> None:
-        """Close or open the brake of a motor."""
-        ...
-
-    def weaken_brake(self, index: int, share: float) -> None:
-        """Let the brake of a motor hold a share of its torque from the next time it closes."""
-        ...
-
-    def slip_cable(self, index: int, length: float) -> None:
-        """Pay out a length of cable, m, without turning the motor."""
-        ...
-
-    def catch_platform(self, caught: bool) -> None:
-        """Let something hold the platform where it is, or let it go again."""
-        ...
-
-    def motor_angles(self) -> FloatArray:
-        """Angles, rad. (m,)."""
-        ...
-
-    def motor_speeds(self) -> FloatArray:
-        """Speeds, rad/s. (m,)."""
-        ...
-
-    def motor_torques(self) -> FloatArray:
-        """Torques that the drives apply, N m. (m,)."""
-        ...
-
-    def tensions(self) -> FloatArray:
-        """Tensions of the cables, N. (m,)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -131,6 +64,8 @@ class SharedPlant:
     ----------
     lock
         Serialises all access to the plant and to the devices around it.
+    time
+        Time to which the plant has been integrated, s.
     failure
         The error that ended the simulation, `None` while it runs.
     inputs_at_once
@@ -141,7 +76,7 @@ class SharedPlant:
 
     def __init__(
         self,
-        plant: PlantModel,
+        plant: Plant,
         payload_changes: tuple[PayloadChange, ...] = (),
         clock: Clock = COMPUTER,
     ) -> None:
@@ -154,14 +89,9 @@ class SharedPlant:
         self._system_start = self._clock.system()
         self._arrived: deque[tuple[float, Callable[[], None]]] = deque()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
-        self._time = plant.time
+        self.time = plant.time
         self._measured = False
         self.newest_measurement = self.measure()
-
-    @property
-    def time(self) -> float:
-        """Time to which the plant has been integrated, s."""
-        return self._time
 
     def now(self) -> float:
         """Return the present plant time, s."""
@@ -202,7 +132,7 @@ class SharedPlant:
             If the plant cannot go on; `failure` keeps it.
         """
         self.apply_arrived(time)
-        if time - self._time <= (0.0 if exactly else _SIMULTANEOUS_INPUTS):
+        if time - self.time <= (0.0 if exactly else _SIMULTANEOUS_INPUTS):
             return
         if self.failure is not None:
             raise self.failure
@@ -215,7 +145,7 @@ class SharedPlant:
         except DriverError as error:
             self.failure = error
             raise
-        self._time = time
+        self.time = time
         self._measured = False
 
     def arrive(self, time: float, apply: Callable[[], None]) -> int:

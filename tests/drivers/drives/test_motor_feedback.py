@@ -1,7 +1,7 @@
 import pytest
 
-from cspr_drivers.canopen.velocity_unit import velocity_unit
-from cspr_drivers.drives.motor_speed import PositionDifference
+from cspr_drivers.canopen.units import velocity_unit
+from cspr_drivers.drives.motor_feedback import PositionDifference
 
 
 def test_the_difference_is_over_the_time_that_passed():

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from cspr_drivers.drives.command_check import CommandCheck, CommandFault
-from cspr_drivers.drives.motor_speed import PositionDifference
+from cspr_drivers.drives.motor_feedback import PositionDifference
+from cspr_drivers.drives.torque_frames import CommandCheck, CommandFault
 
 CHECK = CommandCheck(torque_limit=10.0, timeout=0.05)
 
