@@ -14,9 +14,9 @@ from cspr_kinematics.tensions._bounded import (
     analytic_center_kernel,
     bounded_tensions_kernel,
     centroid_kernel,
-    minimum_norm_kernel,
     reached_kernel,
 )
+from cspr_kinematics.tensions._null_space import null_space_kernel
 from cspr_kinematics.tensions._separating_direction import separating_direction_kernel
 
 # A tension counts as at its limit within this share of the larger limit.
@@ -78,6 +78,7 @@ def distribute_batch(
         Whether all wrench errors are finite; they are not if a wrench or a matrix is not.
     """
     singular, finite = 0, True
+    basis = np.empty((A.shape[2], A.shape[2] - 6))
     for k in range(first, after_last):
         a = A[k if A.shape[0] > 1 else 0]
         b = w[k if w.shape[0] > 1 else 0]
@@ -86,7 +87,8 @@ def distribute_batch(
         reference = t_reference[k if t_reference.shape[0] > 1 else 0]
         t = tensions[k]
         if method == MINIMUM_NORM:
-            status[k], _, steps[k] = minimum_norm_kernel(a, b, t)
+            status[k] = EXACT if null_space_kernel(a, b, t, basis) else SINGULAR
+            steps[k] = 0
         else:
             status[k], _, steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
             if status[k] == EXACT and method == CENTROID:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple, TypeVar
 import yaml
 import zstandard
 from mcap.exceptions import McapError
+from mcap.records import Channel
 from mcap_ros2.decoder import DecoderFactory
 
 from cspr_msgs_py.bag import columns as bag_columns
@@ -176,12 +177,7 @@ class Bag:
     def offered_qos(self, topic: str) -> tuple[OfferedQos, ...]:
         """Return what the publishers of a topic offered; empty if the bag does not say."""
         self._require(topic)
-        texts = (
-            channel.metadata.get("offered_qos_profiles", "")
-            for file in self._files
-            for channel in file.channels.values()
-            if channel.topic == topic
-        )
+        texts = (channel.metadata.get("offered_qos_profiles", "") for _, channel in self._channels(topic))
         return parse_offered_qos(next(filter(None, texts), ""))
 
     def __getitem__(self, topic: str) -> Any:
@@ -319,12 +315,7 @@ class Bag:
 
     def _decoder(self, topic: str) -> Decode:
         """Return a decoder of a topic's messages, which reads the definition in the bag on its first use."""
-        file, channel = next(
-            (file, channel)
-            for file in self._files
-            for channel in file.channels.values()
-            if channel.topic == topic
-        )
+        file, channel = next(self._channels(topic))
         schema = file.schemas.get(channel.schema_id)
         found: list[Decode] = []
 
@@ -341,6 +332,10 @@ class Bag:
             return found[0](data)
 
         return decode
+
+    def _channels(self, topic: str) -> Iterator[tuple[McapFile, Channel]]:
+        for file in self._files:
+            yield from ((file, channel) for channel in file.channels.values() if channel.topic == topic)
 
     def _require(self, topic: str) -> None:
         topics = self.topics
