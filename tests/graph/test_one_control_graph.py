@@ -73,7 +73,7 @@ def script(begin_ns):
         time = 0.0013 + 0.004 * cycle
         stamp = begin_ns + 4_000_000 * cycle + int(rng.integers(0, 200_000))
         angles, speeds = 0.02 * rng.standard_normal((2, COUNT))
-        torques = -ROBOT.winch.ratio * taut
+        torques = -ROBOT.winch.transmission_ratio * taut
         if cycle > 820:  # one motor runs away
             angles = angles + 20.0 * np.eye(COUNT)[2]
         add(time, topics.MOTOR_STATES, JointStateSample(stamp, angles, speeds, torques))

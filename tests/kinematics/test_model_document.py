@@ -295,7 +295,7 @@ def test_claims_of_the_text(robot: Robot, robot_with_pulleys: Robot) -> None:
     tensions = np.linalg.pinv(cables.wrench_matrix) @ w
     assert cables.directions[:, 2] @ tensions == pytest.approx(353.0 * 9.81)
     assert cables.lengths[0] == pytest.approx(np.linalg.norm([-2.5325, -1.3825, 2.11]))
-    assert robot.winch.ratio == pytest.approx(1.667e-3, rel=1e-3)
+    assert robot.winch.transmission_ratio == pytest.approx(1.667e-3, rel=1e-3)
     assert robot_with_pulleys.pulleys.radius == Pulleys(0.05).radius
 
 

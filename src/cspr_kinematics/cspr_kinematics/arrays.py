@@ -146,13 +146,7 @@ def checked_number(name: str, value: float) -> float:
 
 
 def positive_number(name: str, value: float) -> float:
-    """Return `value` as a finite float above zero.
-
-    Raises
-    ------
-    InvalidInputError
-        If the value is not finite or not positive.
-    """
+    """Return `value` as a finite float above zero; raises InvalidInputError for any other."""
     number = checked_number(name, value)
     if number <= 0.0:
         raise InvalidInputError(name, value, "must be positive")
@@ -160,13 +154,7 @@ def positive_number(name: str, value: float) -> float:
 
 
 def non_negative_number(name: str, value: float) -> float:
-    """Return `value` as a finite float of at least zero.
-
-    Raises
-    ------
-    InvalidInputError
-        If the value is not finite or negative.
-    """
+    """Return `value` as a finite float of at least zero; raises InvalidInputError for any other."""
     number = checked_number(name, value)
     if number < 0.0:
         raise InvalidInputError(name, value, "must not be negative")
@@ -174,13 +162,7 @@ def non_negative_number(name: str, value: float) -> float:
 
 
 def positive_integer(name: str, value: int) -> int:
-    """Return `value`, a whole number of at least one that fits into 64 bits.
-
-    Raises
-    ------
-    InvalidInputError
-        If it is not.
-    """
+    """Return `value`, a whole number of at least one that fits into 64 bits; raises InvalidInputError for any other."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 1 <= value <= sys.maxsize:
         raise InvalidInputError(name, value, f"must be a whole number from 1 to {sys.maxsize}")
     return int(value)

@@ -6,38 +6,28 @@ from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from cspr_msgs_py.bag.metadata import INFINITE, OfferedQos
-from cspr_msgs_py.topics import Durability, Reliability, Topic
-
-_RELIABILITY = {
-    Reliability.RELIABLE: ReliabilityPolicy.RELIABLE,
-    Reliability.BEST_EFFORT: ReliabilityPolicy.BEST_EFFORT,
-}
-_DURABILITY = {
-    Durability.VOLATILE: DurabilityPolicy.VOLATILE,
-    Durability.TRANSIENT_LOCAL: DurabilityPolicy.TRANSIENT_LOCAL,
-}
+from cspr_msgs_py.topics import Reliability, Topic
 
 
-def qos_profile(topic: Topic) -> QoSProfile:
-    """Return the profile with which `topic` is published and subscribed."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=topic.depth,
-        reliability=_RELIABILITY[topic.reliability],
-        durability=_DURABILITY[topic.durability],
-    )
-
-
-def compatible_profile(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the strictest profile that every one of these publishers can serve."""
-    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
-    latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
+def _profile(depth: int, reliable: bool, latched: bool) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def qos_profile(topic: Topic) -> QoSProfile:
+    """Return the profile with which `topic` is published and subscribed."""
+    return _profile(topic.depth, topic.reliability is Reliability.RELIABLE, topic.latched)
+
+
+def compatible_profile(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
+    """Return the strictest profile that every one of these publishers can serve."""
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
+    latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
+    return _profile(depth, reliable, latched)
 
 
 def offered_qos(profile: QoSProfile, depth: int = 0) -> OfferedQos:
@@ -70,24 +60,17 @@ def replay_profile(offered: Sequence[OfferedQos], depth: int = 10) -> QoSProfile
     What all of its publishers agreed on is offered again; where they differed or nothing is known, the profile
     is one that every subscriber accepts: reliable, and volatile.
     """
-    reliabilities = {profile.reliability for profile in offered}
-    durabilities = {profile.durability for profile in offered}
-    latched = durabilities == {"transient_local"}
-    profile = QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=max([depth, *(profile.depth for profile in offered)]) if not latched else _depth(offered),
-        reliability=ReliabilityPolicy.BEST_EFFORT
-        if reliabilities == {"best_effort"}
-        else ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    reliable = {profile.reliability for profile in offered} != {"best_effort"}
+    latched = {profile.durability for profile in offered} == {"transient_local"}
+    if (
+        latched
+    ):  # of late subscribers each is given as many messages: one of each publisher if nothing is known
+        depth = sum(max(profile.depth, 1) for profile in offered)
+    else:
+        depth = max([depth, *(profile.depth for profile in offered)])
+    profile = _profile(depth, reliable, latched)
     for name in ("deadline", "lifespan"):
         values = {getattr(each, name) for each in offered}
         if len(values) == 1 and (value := values.pop()) < INFINITE:
             setattr(profile, name, Duration(nanoseconds=value))
     return profile
-
-
-def _depth(offered: Sequence[OfferedQos]) -> int:
-    """Return how many messages a latched topic gives to late subscribers: one for each publisher if unknown."""
-    return sum(max(profile.depth, 1) for profile in offered)

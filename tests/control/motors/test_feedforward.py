@@ -40,8 +40,8 @@ def test_angles_and_speeds_are_those_of_the_reference(robot):
     feedforward = Feedforward(robot, FeedforwardSettings(**NOMINAL))
     before, now, after = (feedforward.compute(t, trajectory.sample(t)) for t in (1.2999, 1.3, 1.3001))
     lengths = inverse_kinematics(robot, trajectory.sample(1.3).pose).lengths
-    np.testing.assert_allclose(robot.winch.cable_lengths(now.position), lengths, atol=1e-12)
-    np.testing.assert_allclose(now.velocity, (after.position - before.position) / 2e-4, atol=1e-3)
+    np.testing.assert_allclose(robot.winch.cable_lengths(now.angle), lengths, atol=1e-12)
+    np.testing.assert_allclose(now.speed, (after.angle - before.angle) / 2e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("model", [FeedforwardModel.STATIC, FeedforwardModel.DYNAMIC])
@@ -52,7 +52,7 @@ def test_torque_gives_the_wrench_of_the_model(robot, moving, model):
         wrench = static_wrench(robot, moving.pose, payload)
     else:
         wrench = required_wrench(robot, moving.pose, moving.twist, moving.acceleration, payload)
-    tensions = robot.winch.tension(setpoint.effort)
+    tensions = robot.winch.tension(setpoint.torque)
     np.testing.assert_allclose(tensions, setpoint.tensions)
     np.testing.assert_allclose(
         inverse_kinematics(robot, moving.pose).wrench_matrix @ tensions, wrench, atol=1e-6
@@ -63,7 +63,7 @@ def test_torque_gives_the_wrench_of_the_model(robot, moving, model):
 
 def test_without_a_model_there_is_no_torque(robot, moving):
     setpoint = setpoint_of(robot, moving, model=FeedforwardModel.NONE, **NOMINAL)
-    np.testing.assert_array_equal(setpoint.effort, np.zeros(8))
+    np.testing.assert_array_equal(setpoint.torque, np.zeros(8))
     assert setpoint.feasible
 
 
@@ -74,19 +74,19 @@ def test_out_of_reach_no_cable_pushes_and_it_is_flagged(robot):
     assert setpoint.wrench_residual > 100.0
     assert setpoint.tensions.min() >= robot.tension_min
     assert setpoint.tensions.max() <= robot.tension_max
-    assert setpoint.effort.max() < 0.0
+    assert setpoint.torque.max() < 0.0
 
 
 def run(feedforward, robot, begin, count):
     """Efforts of consecutive set-points along a trajectory, and what they would be without bridging."""
     trajectory = paper_19(robot.trajectory_center)
-    efforts, plain = [], []
+    torques, plain = [], []
     for cycle in range(begin, begin + count):
         time = cycle * PERIOD
         setpoint = feedforward.compute(time, trajectory.sample(time))
-        efforts.append(setpoint.effort)
+        torques.append(setpoint.torque)
         plain.append(robot.winch.motor_torque(setpoint.tensions))
-    return np.array(efforts), np.array(plain)
+    return np.array(torques), np.array(plain)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_every_tension_method_gives_the_wrench(robot, moving, method):
     np.testing.assert_allclose(A @ setpoint.tensions, wrench, atol=1e-6)
     expected = distribute_tensions(A, wrench, robot.tension_min, robot.tension_max, method).tensions
     np.testing.assert_allclose(setpoint.tensions, expected, atol=1e-6)
-    np.testing.assert_allclose(robot.winch.tension(setpoint.effort), expected, atol=1e-6)
+    np.testing.assert_allclose(robot.winch.tension(setpoint.torque), expected, atol=1e-6)
 
 
 def test_a_change_of_tension_method_keeps_the_slew_and_the_wrench(robot, moving):
@@ -132,29 +132,29 @@ def test_a_change_of_tension_method_keeps_the_slew_and_the_wrench(robot, moving)
     settings = {"switch_slew": slew, **NOMINAL}
     feedforward = Feedforward(robot, FeedforwardSettings(**settings))
     changes = {50: "centroid", 120: "analytic_center", 500: "closest"}
-    efforts = []
+    torques = []
     for cycle in range(1, 900):
         if cycle in changes:
             feedforward.configure(FeedforwardSettings(**settings, tension_method=changes[cycle]))
         setpoint = feedforward.compute(cycle * PERIOD, moving)
-        tensions = robot.winch.tension(setpoint.effort)
+        tensions = robot.winch.tension(setpoint.torque)
         np.testing.assert_allclose(setpoint.wrench_matrix @ tensions, setpoint.wrench, atol=1e-6)
         assert setpoint.feasible
-        efforts.append(setpoint.effort)
-    steps = np.abs(np.diff(efforts, axis=0)).max(axis=1)
+        torques.append(setpoint.torque)
+    steps = np.abs(np.diff(torques, axis=0)).max(axis=1)
     assert steps.max() <= slew * PERIOD * (1.0 + 1e-9)
     assert (steps > 0.5 * slew * PERIOD).sum() > 200  # it does take a while
     for cycle, method in ((40, "closest"), (490, "analytic_center"), (890, "closest")):
-        settled = setpoint_of(robot, moving, tension_method=method, **NOMINAL).effort
-        np.testing.assert_allclose(efforts[cycle], settled, atol=1e-9)
+        settled = setpoint_of(robot, moving, tension_method=method, **NOMINAL).torque
+        np.testing.assert_allclose(torques[cycle], settled, atol=1e-9)
 
 
 def test_an_unknown_tension_method_is_refused_and_changes_nothing(robot, moving):
     feedforward = Feedforward(robot, FeedforwardSettings(**NOMINAL))
-    before = feedforward.compute(0.0, moving).effort
+    before = feedforward.compute(0.0, moving).torque
     with pytest.raises(InvalidInputError, match="softest"):
         feedforward.configure(FeedforwardSettings(tension_method="softest"))
-    np.testing.assert_array_equal(feedforward.compute(1.0, moving).effort, before)
+    np.testing.assert_array_equal(feedforward.compute(1.0, moving).torque, before)
 
 
 def test_margins_are_those_of_the_wrenches_within_reach(robot):
@@ -185,13 +185,13 @@ def test_payload_status(robot, moving):
 def test_the_first_estimate_and_one_after_a_gap_are_bridged(robot):
     reference = ReferencePoint.at_rest(robot.home)
     feedforward = Feedforward(robot, FeedforwardSettings(switch_slew=1.0))
-    before = feedforward.compute(0.0, reference).effort
+    before = feedforward.compute(0.0, reference).torque
     feedforward.set_estimate(0.004, 150.0, np.zeros(3))
-    np.testing.assert_allclose(feedforward.compute(0.004, reference).effort, before)
+    np.testing.assert_allclose(feedforward.compute(0.004, reference).torque, before)
     settled = feedforward.compute(5.0, reference)
     assert settled.payload_status is PayloadStatus.HELD
     feedforward.set_estimate(5.004, 20.0, np.zeros(3))
-    np.testing.assert_allclose(feedforward.compute(5.004, reference).effort, settled.effort)
+    np.testing.assert_allclose(feedforward.compute(5.004, reference).torque, settled.torque)
 
 
 @pytest.mark.parametrize(

@@ -241,9 +241,9 @@ def test_feedforward_answers_a_reference_with_a_setpoint(bench, robot):
     )
     expected = Feedforward(robot, settings).compute(0.0, point)
     assert setpoint.stamp_ns == STAMP
-    np.testing.assert_allclose(setpoint.position, expected.position, atol=1e-9)
-    np.testing.assert_allclose(setpoint.velocity, expected.velocity, atol=1e-9)
-    np.testing.assert_allclose(setpoint.effort, expected.effort, atol=1e-9)
+    np.testing.assert_allclose(setpoint.position, expected.angle, atol=1e-9)
+    np.testing.assert_allclose(setpoint.velocity, expected.speed, atol=1e-9)
+    np.testing.assert_allclose(setpoint.effort, expected.torque, atol=1e-9)
     assert set_parameter(node, "model", "static").successful
     assert not set_parameter(node, "model", "clairvoyant").successful
     assert "magic" in set_parameter(node, "payload_source", "magic").reason

@@ -109,7 +109,7 @@ class Graph:
         arrival = now + 3 * MS + self._jitter(300)
         setpoint = self._feedforward.compute(arrival * 1e-9, type(point).of_sample(sample))
         self._record(topics.REFERENCE, arrival, REFERENCE.encode(sample))
-        data = MOTORS.encode(stamp, setpoint.position, setpoint.velocity, setpoint.effort)
+        data = MOTORS.encode(stamp, setpoint.angle, setpoint.speed, setpoint.torque)
         self._record(topics.SETPOINT, arrival + 200_000, data)
 
     def _change_model(self, now, model):
@@ -224,7 +224,7 @@ def test_another_model_gives_its_torques(bag, robot, tmp_path):
     wrench = static_wrench(robot, pose, Payload(20.0, np.zeros(3)))
     A = inverse_kinematics(robot, pose).wrench_matrix
     np.testing.assert_allclose(
-        setpoints.effort[100], -robot.winch.ratio * np.linalg.pinv(A) @ wrench, atol=1e-6
+        setpoints.effort[100], -robot.winch.transmission_ratio * np.linalg.pinv(A) @ wrench, atol=1e-6
     )
 
 

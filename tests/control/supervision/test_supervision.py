@@ -5,8 +5,8 @@ import pytest
 
 from cspr_control.errors import SettingError
 from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
+from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.supervisor import Action, Supervisor
-from cspr_control.supervision.watch import LastingViolation
 from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
 
 COUNT = 8
@@ -26,7 +26,7 @@ LIMITS = SupervisionLimits(
     workspace_min=(-1.0, -0.5, 0.3),
     workspace_max=(1.0, 0.5, 2.0),
     workspace_margin=0.05,
-    pay_out=PAY_OUT,
+    transmission_ratio=PAY_OUT,
     tension_difference=200.0,
     tension_difference_time=0.3,
     stuck_time=1.0,
@@ -528,7 +528,7 @@ def test_reset_needs_a_fault_and_stopped_drives(rig):
 
 
 def test_lasting_violation_is_per_member():
-    watch = LastingViolation(2, 0.5)
+    watch = Debounce(2, 0.5)
     assert watch.update(0.0, [True, False]) is None
     assert watch.update(0.4, [False, True]) is None
     assert watch.update(0.6, [True, True]) is None
@@ -536,7 +536,7 @@ def test_lasting_violation_is_per_member():
     watch.clear()
     assert watch.update(1.0, [True, True]) is None
     with pytest.raises(SettingError):
-        LastingViolation(2, -1.0)
+        Debounce(2, -1.0)
 
 
 @pytest.mark.parametrize(

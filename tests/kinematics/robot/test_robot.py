@@ -49,7 +49,7 @@ def test_prototype(robot: Robot) -> None:
     assert robot.number_of_cables == 8
     assert robot.platform.mass == 153.0
     assert (robot.tension_min, robot.tension_max) == (50.0, 3000.0)
-    assert robot.winch.ratio == pytest.approx(0.05 / 30.0)
+    assert robot.winch.transmission_ratio == pytest.approx(0.05 / 30.0)
     np.testing.assert_array_equal(robot.home.position, [0.0, 0.0, 1.0])
     np.testing.assert_array_equal(robot.home.rotation, np.eye(3))
     np.testing.assert_array_equal(robot.exit_points.max(axis=0), robot.frame_size / [2.0, 2.0, 1.0])

@@ -65,7 +65,7 @@ class BarePlant:
             self._enabled = True
         elif service in ("/can_drives/disable", "/can_drives/quick_stop"):
             self._enabled = False
-        held = -self._config.robot.winch.ratio * self.plant.tensions()
+        held = -self._config.robot.winch.transmission_ratio * self.plant.tensions()
         for index in range(self._m):
             self.plant.set_torque(index, held[index] if self._enabled else 0.0)
             self.plant.set_brake(index, closed=not self._enabled)

@@ -77,7 +77,7 @@ class FeedforwardComponent(Component):
         self.newest = setpoint
         self._setpoints += 1
         self._infeasible += not setpoint.feasible
-        joints = JointStateSample(sample.stamp_ns, setpoint.position, setpoint.velocity, setpoint.effort)
+        joints = JointStateSample(sample.stamp_ns, setpoint.angle, setpoint.speed, setpoint.torque)
         return (Publication(SETPOINT, joints),)
 
     def status(self, now: float) -> Status:

@@ -104,9 +104,9 @@ class Setpoint:
 
     Attributes
     ----------
-    position, velocity
+    angle, speed
         Motor angles (m,), rad, and speeds (m,), rad/s.
-    effort
+    torque
         Feed-forward torque (m,), N m, the bridging of a switch included.
     tensions
         Cable tensions (m,) behind the torque, N; zero without a model.
@@ -121,9 +121,9 @@ class Setpoint:
         The payload counted on, and where it comes from.
     """
 
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    effort: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    torque: NDArray[np.float64]
     tensions: NDArray[np.float64]
     wrench_matrix: NDArray[np.float64]
     wrench: NDArray[np.float64]
@@ -180,13 +180,15 @@ class Feedforward:
     def __init__(self, robot: Robot, settings: FeedforwardSettings) -> None:
         self._robot = robot
         self._settings = settings
-        self._blend = TensionBlend(settings.tension_method, slew=settings.switch_slew / robot.winch.ratio)
+        self._blend = TensionBlend(
+            settings.tension_method, slew=settings.switch_slew / robot.winch.transmission_ratio
+        )
         self._estimate: Payload | None = None
         self._estimate_time = -math.inf
         self._status: PayloadStatus | None = None  # of the newest set-point
         self._bridge_pending = False
         self._offset = np.zeros(robot.number_of_cables)
-        self._effort: NDArray[np.float64] | None = None  # of the newest set-point
+        self._torque: NDArray[np.float64] | None = None  # of the newest set-point
         self._time = -math.inf  # of the newest set-point
 
     @property
@@ -203,7 +205,7 @@ class Feedforward:
             If there is no such tension method.
         """
         self._blend.select(settings.tension_method)
-        self._blend.slew = settings.switch_slew / self._robot.winch.ratio
+        self._blend.slew = settings.switch_slew / self._robot.winch.transmission_ratio
         self._bridge_pending |= _load_model(settings) != _load_model(self._settings)
         self._settings = settings
 
@@ -280,29 +282,29 @@ class Feedforward:
     ) -> tuple[NDArray[np.float64], bool, float]:
         """Tensions by the method of the settings, whether they are feasible, and their wrench error."""
         robot = self._robot
-        since = 0.0 if self._effort is None else max(time - self._time, 0.0)
+        since = 0.0 if self._torque is None else max(time - self._time, 0.0)
         found = self._blend.distribute(wrench_matrix, wrench, robot.tension_min, robot.tension_max, since)
         return found.tensions, bool(found.feasible), float(found.residual)
 
     def _bridged(
-        self, time: float, effort: NDArray[np.float64], status: PayloadStatus
+        self, time: float, torque: NDArray[np.float64], status: PayloadStatus
     ) -> NDArray[np.float64]:
         # An estimate that arrives for the first time, or again after a gap, is a switch too.
         arrived = status is PayloadStatus.ESTIMATED and self._status in (
             PayloadStatus.HELD,
             PayloadStatus.AWAITED,
         )
-        if self._effort is None:
-            self._offset = np.zeros_like(effort)
+        if self._torque is None:
+            self._offset = np.zeros_like(torque)
         elif self._bridge_pending or arrived:
-            self._offset = self._effort - effort
+            self._offset = self._torque - torque
         else:
             step = self._settings.switch_slew * (time - self._time)
             self._offset = self._offset - np.clip(self._offset, -step, step)
         self._bridge_pending = False
         self._status, self._time = status, time
-        self._effort = effort + self._offset
-        return self._effort
+        self._torque = torque + self._offset
+        return self._torque
 
 
 def _load_model(settings: FeedforwardSettings) -> tuple[object, ...]:

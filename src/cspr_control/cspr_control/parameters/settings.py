@@ -90,7 +90,7 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
         "motor_speed": robot.motor.speed_limit,
         "workspace_min": tuple(robot.workspace_min.tolist()),
         "workspace_max": tuple(robot.workspace_max.tolist()),
-        "pay_out": robot.winch.ratio,
+        "transmission_ratio": robot.winch.transmission_ratio,
     }
     return _of(SupervisionLimits, {**values, **of_robot})
 

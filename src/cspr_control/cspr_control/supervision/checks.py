@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.errors import SettingError
-from cspr_control.supervision.watch import LastingViolation
+from cspr_control.supervision.debounce import Debounce
 from cspr_msgs_py.parameters.table import defaults
 
 
@@ -90,7 +90,7 @@ class SupervisionLimits:
         Corners (3,) of the box that the platform must not leave, m in base.
     workspace_margin
         How far out of it still counts as in it, m; and how much further out a robot may go that was enabled outside.
-    pay_out
+    transmission_ratio
         Cable paid out by an angle of the motor, m/rad; relates torque and tension.
     stuck_time
         In s; the noise of a sound load cell never lets it show the very same value for long.
@@ -109,7 +109,7 @@ class SupervisionLimits:
     workspace_min: tuple[float, float, float] = (-math.inf, -math.inf, -math.inf)
     workspace_max: tuple[float, float, float] = (math.inf, math.inf, math.inf)
     workspace_margin: float = _DEFAULT["workspace_margin"]
-    pay_out: float = 0.05 / 30.0
+    transmission_ratio: float = 0.05 / 30.0
     tension_difference: float = _DEFAULT["tension_difference"]
     tension_difference_time: float = _DEFAULT["tension_difference_time"]
     stuck_time: float = _DEFAULT["stuck_time"]
@@ -164,7 +164,7 @@ class SupervisionChecks:
             FaultKind.TENSION_LOW: limits.tension_min_time,
             FaultKind.LOAD_CELL: limits.tension_difference_time,
         }
-        self._watches = {kind: LastingViolation(count, time) for kind, time in allowed_times.items()}
+        self._watches = {kind: Debounce(count, time) for kind, time in allowed_times.items()}
 
     def clear(self) -> None:
         """Forget violations under way: the robot is about to be enabled.
@@ -275,7 +275,7 @@ class SupervisionChecks:
     def _implausible_cells(self, time: float) -> list[Fault]:
         """Return the load cell that its motor contradicts, and one that is stuck."""
         limits, tensions = self._limits, self._tensions
-        torque_tensions = -self._torques / limits.pay_out
+        torque_tensions = -self._torques / limits.transmission_ratio
         difference = tensions - torque_tensions
         watch = self._watches[FaultKind.LOAD_CELL]
         cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from queue import Empty, SimpleQueue
 
 import can
@@ -292,8 +293,12 @@ class CanPorts:
     def hear(self, cob_id: int, wait: float) -> str:
         """Return on which bus a frame of a COB-ID comes first, or an empty text if none comes for a time, s."""
         heard: SimpleQueue[str] = SimpleQueue()
+
+        def note(bus: str, *_frame: object) -> None:
+            heard.put(bus)
+
         for port in self:
-            port.subscribe(cob_id, lambda data, now, name=port.name: heard.put(name))  # type: ignore[misc]
+            port.subscribe(cob_id, partial(note, port.name))
         try:
             return heard.get(timeout=wait)
         except Empty:

@@ -95,7 +95,7 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
     try:
         require_no_driver(ports, can.master_node_id, can.timeouts.heartbeat_producer)
         with MasterHeartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
-            Walk(can, ports, _pay_out(robot), torque, operator, findings, kept.save).run()
+            Walk(can, ports, _transmission_ratio(robot), torque, operator, findings, kept.save).run()
     finally:
         ports.close()
     return _write(config, can, findings, operator, kept)
@@ -117,10 +117,10 @@ def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator
     return 0
 
 
-def _pay_out(robot: Path) -> float:
+def _transmission_ratio(robot: Path) -> float:
     """Return the cable per radian of the motor, m/rad, of a robot file."""
     with as_configuration_error():
-        return structured(RobotDescription, read_yaml(robot), str(robot)).winch.ratio
+        return structured(RobotDescription, read_yaml(robot), str(robot)).winch.transmission_ratio
 
 
 def _answers(path: Path) -> FileOperator:

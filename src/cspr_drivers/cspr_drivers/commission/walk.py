@@ -33,7 +33,7 @@ class Walk:
         The present `can.yaml`: buses, number of winches, times.
     ports
         The open buses.
-    pay_out
+    transmission_ratio
         Cable per radian of the motor, m/rad.
     torque_share
         Largest torque of any step, in units of the rated torque.
@@ -49,7 +49,7 @@ class Walk:
         self,
         config: CanConfig,
         ports: CanPorts,
-        pay_out: float,
+        transmission_ratio: float,
         torque_share: float,
         operator: Operator,
         findings: Findings,
@@ -57,7 +57,7 @@ class Walk:
     ) -> None:
         self._config = config
         self._ports = ports
-        self._pay_out = pay_out
+        self._transmission_ratio = transmission_ratio
         self._torque_share = torque_share
         self._ask = operator
         self._findings = findings
@@ -168,7 +168,7 @@ class Walk:
         """Compare the way of each cable with the one that encoder, gear and drum make it."""
         if all(winch.scale_checked for winch in self._findings.winches.values()):
             return
-        way = 1e3 * self._pay_out * 2.0 * math.pi * SCALE_WAY  # mm
+        way = 1e3 * self._transmission_ratio * 2.0 * math.pi * SCALE_WAY  # mm
         self._ask.tell(f"3. Encoder scale. Each cable is paid out by {way:.1f} mm and taken up again.")
         for place, winch in sorted(self._findings.winches.items()):
             if not winch.scale_checked:

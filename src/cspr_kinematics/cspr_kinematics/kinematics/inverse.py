@@ -85,17 +85,9 @@ def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
     lengths, free_lengths = np.empty((n, m)), np.empty((n, m))
     directions, arms = np.empty((n, m, 3)), np.empty((n, m, 3))
     wrench_matrix, jacobian = np.empty((n, 6, m)), np.empty((n, m, 6))
-    fault, cable, member = cables_at_poses(
-        robot.path_geometry,
-        kernel_input(pose.position, n, 3),
-        kernel_input(pose.rotation, n, 3, 3),
-        lengths,
-        free_lengths,
-        directions,
-        arms,
-        wrench_matrix,
-        jacobian,
-    )
+    outputs = lengths, directions, arms, wrench_matrix, jacobian, free_lengths
+    positions, rotations = kernel_input(pose.position, n, 3), kernel_input(pose.rotation, n, 3, 3)
+    fault, cable, member = cables_at_poses(robot.path_geometry, positions, rotations, *outputs)
     if fault != PATH_EXISTS:
         raise path_error(fault, cable, member, pose)
     return Cables(

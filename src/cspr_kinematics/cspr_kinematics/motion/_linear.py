@@ -46,6 +46,35 @@ def solve_positive(matrix: FloatArray, vector: FloatArray) -> bool:
 
 
 @kernel
+def make_orthogonal(basis: FloatArray, count: int, vector: FloatArray, projections: FloatArray) -> float:
+    """Remove from a vector (n,) its components along the first rows of an orthonormal basis; return |vector|^2 then.
+
+    Parameters
+    ----------
+    basis : numpy.ndarray, shape (k, n)
+        Of which the first `count` rows count.
+    vector : numpy.ndarray, shape (n,)
+        Changed in place; may be a later row of the basis.
+    projections : numpy.ndarray, shape (k,)
+        Receives the components.
+    """
+    for j in range(count):
+        projections[j] = 0.0
+    for _ in range(2):  # twice is enough for orthogonality to rounding
+        for j in range(count):
+            projection = 0.0
+            for k in range(vector.shape[0]):
+                projection += basis[j, k] * vector[k]
+            projections[j] += projection
+            for k in range(vector.shape[0]):
+                vector[k] -= projection * basis[j, k]
+    squared = 0.0
+    for k in range(vector.shape[0]):
+        squared += vector[k] * vector[k]
+    return squared
+
+
+@kernel
 def assign_vector(target: FloatArray, source: FloatArray) -> None:
     """Copy a vector element by element, which compiles a hundred times as fast as a slice assignment."""
     for i in range(target.shape[0]):

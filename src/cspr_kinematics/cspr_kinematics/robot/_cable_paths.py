@@ -113,11 +113,11 @@ def cables_at_poses(
     positions: FloatArray,
     rotations: FloatArray,
     lengths: FloatArray,
-    free_lengths: FloatArray,
     directions: FloatArray,
     arms: FloatArray,
     wrench_matrices: FloatArray,
     jacobians: FloatArray,
+    free_lengths: FloatArray,
 ) -> tuple[int, int, int]:
     """Fill in the cables (n, m, ...) at n poses; return the first fault and the indices of cable and pose."""
     for n in range(positions.shape[0]):

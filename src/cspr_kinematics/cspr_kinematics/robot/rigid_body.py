@@ -122,8 +122,8 @@ class Payload(_MassProperties):
     """
 
     def __init__(self, mass: float, center_of_mass: ArrayLike) -> None:
-        center = single("payload center_of_mass", center_of_mass, 3)
-        self._set(mass=non_negative_number("payload mass", mass), center_of_mass=center)
+        checked_mass = non_negative_number("payload mass", mass)
+        self._set(mass=checked_mass, center_of_mass=single("payload center_of_mass", center_of_mass, 3))
 
     @cached_property
     def inertial_parameters(self) -> FloatArray:

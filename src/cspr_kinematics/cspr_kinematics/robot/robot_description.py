@@ -41,7 +41,7 @@ class WinchEntry:
     gear_ratio: Positive
 
     @property
-    def ratio(self) -> float:
+    def transmission_ratio(self) -> float:
         """Cable length per motor angle, m/rad."""
         return self.drum_radius / self.gear_ratio
 

@@ -51,33 +51,33 @@ class Winch(ReadOnlyArrays):
         self._set(drum_radius=radius, gear_ratio=ratio, home_lengths=frozen(lengths))
 
     @property
-    def ratio(self) -> float:
+    def transmission_ratio(self) -> float:
         """Cable length per motor angle rho / D, m/rad (eq. 6)."""
         return self.drum_radius / self.gear_ratio
 
     def motor_angle(self, lengths: ArrayLike) -> FloatArray:
         """Motor angles (..., m) in rad at cable lengths (..., m) in m."""
-        return (self._per_cable("lengths", lengths) - self.home_lengths) / self.ratio
+        return (self._per_cable("lengths", lengths) - self.home_lengths) / self.transmission_ratio
 
     def cable_lengths(self, angle: ArrayLike) -> FloatArray:
         """Cable lengths (..., m) in m at motor angles (..., m) in rad."""
-        return self.home_lengths + self.ratio * self._per_cable("motor angle", angle)
+        return self.home_lengths + self.transmission_ratio * self._per_cable("motor angle", angle)
 
     def motor_speed(self, length_rates: ArrayLike) -> FloatArray:
         """Motor speeds (..., m) in rad/s at rates of cable length (..., m) in m/s."""
-        return self._per_cable("length_rates", length_rates) / self.ratio
+        return self._per_cable("length_rates", length_rates) / self.transmission_ratio
 
     def cable_speed(self, motor_speed: ArrayLike) -> FloatArray:
         """Rates of cable length (..., m) in m/s at motor speeds (..., m) in rad/s."""
-        return self.ratio * self._per_cable("motor_speed", motor_speed)
+        return self.transmission_ratio * self._per_cable("motor_speed", motor_speed)
 
     def motor_torque(self, tensions: ArrayLike) -> FloatArray:
         """Motor torques (..., m) in N m that hold tensions (..., m) in N at rest: -(rho / D) t."""
-        return -self.ratio * self._per_cable("tensions", tensions)
+        return -self.transmission_ratio * self._per_cable("tensions", tensions)
 
     def tension(self, torque: ArrayLike) -> FloatArray:
         """Tensions (..., m) in N that motor torques (..., m) in N m hold at rest."""
-        return self._per_cable("torque", torque) / -self.ratio
+        return self._per_cable("torque", torque) / -self.transmission_ratio
 
     def _per_cable(self, name: str, value: ArrayLike) -> FloatArray:
         return checked(name, value, self.home_lengths.shape[0])

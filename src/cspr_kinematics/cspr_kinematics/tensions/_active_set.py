@@ -12,6 +12,7 @@ import numpy as np
 
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
+from cspr_kinematics.motion._linear import make_orthogonal
 
 # Steps that make a limit active or inactive, per cable.
 DUAL_STEPS_PER_CABLE = 10
@@ -81,19 +82,7 @@ def nearest_feasible_kernel(
             for k in range(r):
                 step[k] = side * N[entering, k]
                 squared_normal += step[k] * step[k]
-            for j in range(count):
-                change[j] = 0.0
-            for _ in range(2):  # twice is enough for orthogonality to rounding
-                for j in range(count):
-                    projection = 0.0
-                    for k in range(r):
-                        projection += Q[j, k] * step[k]
-                    change[j] += projection
-                    for k in range(r):
-                        step[k] -= projection * Q[j, k]
-            squared_step = 0.0
-            for k in range(r):
-                squared_step += step[k] * step[k]
+            squared_step = make_orthogonal(Q, count, step, change)
             independent = count < r and squared_step > max(_DEPENDENT * squared_normal, _NO_INFLUENCE)
             added_norm = np.sqrt(squared_step)
             if independent:
@@ -135,19 +124,8 @@ def nearest_feasible_kernel(
             for j in range(leaving, count):  # the basis of those that follow anew
                 for k in range(r):
                     Q[j, k] = sign[j] * N[active[j], k]
+                R[j, j] = np.sqrt(make_orthogonal(Q, j, Q[j], change))
                 for i in range(j):
-                    R[i, j] = 0.0
-                for _ in range(2):
-                    for i in range(j):
-                        projection = 0.0
-                        for k in range(r):
-                            projection += Q[i, k] * Q[j, k]
-                        R[i, j] += projection
-                        for k in range(r):
-                            Q[j, k] -= projection * Q[i, k]
-                squared = 0.0
-                for k in range(r):
-                    squared += Q[j, k] * Q[j, k]
-                R[j, j] = np.sqrt(squared)
+                    R[i, j] = change[i]
                 for k in range(r):
                     Q[j, k] /= R[j, j]

@@ -14,9 +14,9 @@ from cspr_kinematics.tensions._bounded import (
     analytic_center_kernel,
     bounded_tensions_kernel,
     centroid_kernel,
-    minimum_norm_kernel,
     reached_kernel,
 )
+from cspr_kinematics.tensions._null_space import null_space_kernel
 from cspr_kinematics.tensions._separating_direction import separating_direction_kernel
 
 # A tension counts as at its limit within this share of the larger limit.
@@ -41,17 +41,17 @@ def distribute_batch(
     first: int,
     after_last: int,
     tensions: FloatArray,
+    feasible: BoolArray,
+    residual: FloatArray,
+    residual_wrench: FloatArray,
+    margin: FloatArray,
+    active: NDArray[np.int8],
     status: NDArray[np.int64],
     steps: NDArray[np.int64],
     direction: FloatArray,
     separation: FloatArray,
-    residual_wrench: FloatArray,
-    residual: FloatArray,
-    margin: FloatArray,
-    active: NDArray[np.int8],
-    feasible: BoolArray,
 ) -> tuple[int, bool]:
-    """Find tensions for wrenches `first` to `after_last` of a batch of n.
+    """Find tensions for wrenches `first` to `after_last` of a batch of n; write the fields of a `TensionResult`.
 
     Parameters
     ----------
@@ -62,18 +62,13 @@ def distribute_batch(
     t_min, t_max, t_reference : numpy.ndarray, shape (n or 1, m)
     weights : numpy.ndarray, shape (6,)
     tensions : numpy.ndarray, shape (n, m)
-        Receives the tensions; nothing for a singular wrench matrix.
-    status, steps : numpy.ndarray of int, shape (n,)
-        Receive a `TensionStatus`, or SINGULAR, and the steps of the solvers.
-    direction : numpy.ndarray, shape (n, 6)
-        Receives a separating direction for each wrench out of reach of a bounded method; NaN for the others.
-    separation : numpy.ndarray, shape (n,)
-        Receives the distance that each of them proves; NaN for the others.
-    residual_wrench : numpy.ndarray, shape (n, 6)
-    residual, margin : numpy.ndarray, shape (n,)
-    active : numpy.ndarray of int8, shape (n, m)
+        Nothing is written for a singular wrench matrix, but its status.
     feasible : numpy.ndarray of bool, shape (n,)
-        Receive the other fields of a `TensionResult`.
+    residual, margin, separation : numpy.ndarray, shape (n,)
+    residual_wrench, direction : numpy.ndarray, shape (n, 6)
+    active : numpy.ndarray of int8, shape (n, m)
+    status, steps : numpy.ndarray of int, shape (n,)
+        A `TensionStatus`, or SINGULAR.
 
     Returns
     -------
@@ -83,6 +78,7 @@ def distribute_batch(
         Whether all wrench errors are finite; they are not if a wrench or a matrix is not.
     """
     singular, finite = 0, True
+    basis = np.empty((A.shape[2], A.shape[2] - 6))
     for k in range(first, after_last):
         a = A[k if A.shape[0] > 1 else 0]
         b = w[k if w.shape[0] > 1 else 0]
@@ -91,7 +87,8 @@ def distribute_batch(
         reference = t_reference[k if t_reference.shape[0] > 1 else 0]
         t = tensions[k]
         if method == MINIMUM_NORM:
-            status[k], _, steps[k] = minimum_norm_kernel(a, b, t)
+            status[k] = EXACT if null_space_kernel(a, b, t, basis) else SINGULAR
+            steps[k] = 0
         else:
             status[k], _, steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
             if status[k] == EXACT and method == CENTROID:

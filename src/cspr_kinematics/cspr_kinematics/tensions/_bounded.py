@@ -1,4 +1,4 @@
-"""Tensions for one pose: nearest to a reference, of least norm, or in the middle; steps are bounded.
+"""Tensions for one pose: nearest to a reference, or in the middle; steps are bounded.
 
 The kernels that look for a middle start from the tensions of `bounded_tensions_kernel`, and keep them where
 there is none. They do not call it, because whatever a kernel calls is compiled again with it.
@@ -122,15 +122,6 @@ def bounded_tensions_kernel(
     if residual <= reached_kernel(w):
         return EXACT, residual, steps
     return (INFEASIBLE if converged else ITERATION_LIMIT), residual, steps
-
-
-@kernel
-def minimum_norm_kernel(A: FloatArray, w: FloatArray, tensions: FloatArray) -> tuple[int, float, int]:
-    """Write A^+ w, whatever its sign and size. SINGULAR: nothing was written."""
-    N = np.empty((A.shape[1], A.shape[1] - 6))
-    if not null_space_kernel(A, w, tensions, N):
-        return SINGULAR, np.inf, 0
-    return EXACT, residual_kernel(A, w, tensions), 0
 
 
 @kernel

@@ -6,6 +6,7 @@ import numpy as np
 
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
+from cspr_kinematics.motion._linear import make_orthogonal
 
 
 @kernel
@@ -38,7 +39,7 @@ def separating_direction_kernel(
     m = A.shape[1]
     basis = np.empty((6, 6))
     error = np.empty(6)
-    column = np.empty(6)
+    column, projections = np.empty(6), np.empty(6)
     count = 0
     for k in range(6):
         value = w[k]
@@ -52,15 +53,12 @@ def separating_direction_kernel(
             for k in range(6):
                 column[k] = np.sqrt(weights[k]) * A[k, i]
                 length += column[k] * column[k]
-            _make_orthogonal(basis, count, column)
-            squared = 0.0
-            for k in range(6):
-                squared += column[k] * column[k]
+            squared = make_orthogonal(basis, count, column, projections)
             if squared > 1e-18 * length:
                 for k in range(6):
                     basis[count, k] = column[k] / np.sqrt(squared)
                 count += 1
-    _make_orthogonal(basis, count, error)
+    make_orthogonal(basis, count, error, projections)
     squared = 0.0
     for k in range(6):
         error[k] *= np.sqrt(weights[k])
@@ -77,15 +75,3 @@ def separating_direction_kernel(
     if not gap > 0.0:
         direction[:] = np.nan
     return gap
-
-
-@kernel
-def _make_orthogonal(basis: FloatArray, count: int, vector: FloatArray) -> None:
-    """Remove from a vector its components along the first `count` rows of an orthonormal basis."""
-    for _ in range(2):  # twice is enough for orthogonality to rounding
-        for j in range(count):
-            projection = 0.0
-            for k in range(vector.shape[0]):
-                projection += basis[j, k] * vector[k]
-            for k in range(vector.shape[0]):
-                vector[k] -= projection * basis[j, k]

@@ -103,12 +103,9 @@ def distribute_tensions(
     shape, n = (*batch, m), math.prod(batch)
     problem = _stacked(A, batch, 6, m), _stacked(w, batch, 6), *_limits(t_min, t_max, shape)
     preferences = _per_cable("reference", reference, shape), _checked_weights(weights)
-    tensions, direction, separation = np.empty((n, m)), np.empty((n, 6)), np.empty(n)
-    status, steps = np.empty(n, np.int64), np.empty(n, np.int64)
-    residual_wrench, residual, margin = np.empty((n, 6)), np.empty(n), np.empty(n)
-    active, feasible = np.empty((n, m), np.int8), np.empty(n, np.bool_)
-    answer: list[Any] = [tensions, status, steps, direction, separation]
-    answer += [residual_wrench, residual, margin, active, feasible]
+    answer: list[Any] = [np.empty((n, m)), np.empty(n, np.bool_), np.empty(n), np.empty((n, 6)), np.empty(n)]
+    answer += [np.empty((n, m), np.int8), status := np.empty(n, np.int64), np.empty(n, np.int64)]
+    answer += [np.empty((n, 6)), np.empty(n)]
 
     def work(first: int, after_last: int) -> None:
         done.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
@@ -123,18 +120,7 @@ def distribute_tensions(
             raise _singular(problem[0], status, batch)
         if not finite:
             raise InvalidInputError("wrench", w, "with these limits and weights the tensions overflow")
-    return TensionResult(
-        in_batch(tensions, batch),
-        in_batch(feasible, batch),
-        in_batch(residual, batch),
-        in_batch(residual_wrench, batch),
-        in_batch(margin, batch),
-        in_batch(active, batch),
-        in_batch(status, batch),
-        in_batch(steps, batch),
-        in_batch(direction, batch),
-        in_batch(separation, batch),
-    )
+    return TensionResult(*[in_batch(array, batch) for array in answer])
 
 
 def _stacked(array: FloatArray, batch: tuple[int, ...], *own: int) -> FloatArray:

@@ -15,8 +15,6 @@ from io import FileIO
 from pathlib import Path
 from typing import Final
 
-from mcap.records import Attachment as AttachmentRecord
-
 from cspr_msgs_py.bag.mcap_writer import Compression, McapWriter
 from cspr_msgs_py.bag.metadata import METADATA_FILE, FileSummary, RecordedTopic, bag_information, dump
 from cspr_msgs_py.errors import BagError
@@ -263,15 +261,7 @@ class BagFile:
             writer.add_metadata(RECORDING, self._information)
             for attachment in self._attachments:
                 media_type = _MEDIA_TYPES.get(Path(attachment.name).suffix, "application/octet-stream")
-                writer.add_attachment(
-                    AttachmentRecord(
-                        create_time=0,
-                        log_time=self._start_ns,
-                        name=attachment.name,
-                        media_type=media_type,
-                        data=attachment.data,
-                    )
-                )
+                writer.add_attachment(attachment.name, media_type, attachment.data, self._start_ns)
         except OSError:
             stream.close()
             path.unlink()
@@ -280,9 +270,7 @@ class BagFile:
         self._stream, self._writer = stream, writer
 
     def _declare(self, topic: RecordedTopic) -> None:
-        schema = self._writer.schema(topic.type)
-        if schema is None:
-            schema = self._writer.add_schema(topic.type, topic.definition_language, topic.definition.encode())
+        schema = self._writer.add_schema(topic.type, topic.definition_language, topic.definition.encode())
         self._writer.add_channel(topic.name, "cdr", schema, topic.channel_metadata)
 
     def _finish(self, notes: Mapping[str, Mapping[str, str]]) -> None:

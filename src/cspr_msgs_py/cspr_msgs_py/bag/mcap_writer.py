@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from enum import Enum
 from io import RawIOBase
-from typing import Final
+from typing import Any, Final
 
 import lz4.frame
 import zstandard
@@ -89,13 +89,11 @@ class McapWriter:
         """Bytes of whole records written, the chunk in progress not included."""
         return self._offset
 
-    def schema(self, name: str) -> int | None:
-        """Return the id of the schema of this name, if the file has it already."""
-        names = [schema.name for schema in self._schemas]
-        return names.index(name) + 1 if name in names else None
-
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Write a schema and return its id."""
+        """Return the id of the schema of this name; write it unless the file has it already."""
+        names = [schema.name for schema in self._schemas]
+        if name in names:
+            return names.index(name) + 1
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self._write(_bytes(schema))
         self._schemas.append(schema)
@@ -130,19 +128,12 @@ class McapWriter:
         if self._size >= _CHUNK_SIZE:
             self.end_chunk()
 
-    def add_attachment(self, attachment: Attachment) -> None:
-        """Write an attachment."""
-        data = _bytes(attachment)
-        index = AttachmentIndex(
-            offset=self._offset,
-            length=len(data),
-            create_time=attachment.create_time,
-            log_time=attachment.log_time,
-            data_size=len(attachment.data),
-            name=attachment.name,
-            media_type=attachment.media_type,
-        )
-        self._write(data)
+    def add_attachment(self, name: str, media_type: str, data: bytes, time: int) -> None:
+        """Write a file with its name, type, content and time (ns)."""
+        given: dict[str, Any] = {"create_time": 0, "log_time": time, "name": name, "media_type": media_type}
+        record = _bytes(Attachment(data=data, **given))
+        index = AttachmentIndex(offset=self._offset, length=len(record), data_size=len(data), **given)
+        self._write(record)
         self._attachments.append(index)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:

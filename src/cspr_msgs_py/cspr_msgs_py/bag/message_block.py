@@ -100,11 +100,6 @@ class MessageBlock:
         return self._heads["channel"].astype(np.int64)
 
     @property
-    def sequences(self) -> NDArray[np.int64]:
-        """Sequence number of each message, shape (n,)."""
-        return self._heads["sequence"].astype(np.int64)
-
-    @property
     def log_times(self) -> NDArray[np.int64]:
         """When each message was received, ns, shape (n,)."""
         return self._heads["log_time"].astype(np.int64)
@@ -130,6 +125,11 @@ class MessageBlock:
         for start, size in zip(starts, self.sizes.tolist(), strict=True):
             yield bytes(view[start : start + size])
 
+    def messages(self) -> Iterator[tuple[int, int, int, int, bytes]]:
+        """Return channel, sequence number, log time (ns), publish time (ns) and data of each message."""
+        fields = (self._heads[name].tolist() for name in ("channel", "sequence", "log_time", "publish_time"))
+        return zip(*fields, self, strict=True)
+
     def data(self, index: int) -> bytes:
         """Return the data of one message."""
         start = int(self._offsets[index]) + _HEAD.itemsize
@@ -154,8 +154,7 @@ class MessageBlock:
     def mapped(self, change: Callable[[bytes], bytes]) -> "MessageBlock":
         """Return the block with each message's data put through `change`."""
         parts, offsets, end = [], [], 0
-        fields = (self.channels, self.sequences, self.log_times, self.publish_times)
-        for head, data in zip(zip(*(field.tolist() for field in fields), strict=True), self, strict=True):
+        for *head, data in self.messages():
             changed = change(data)
             row = np.array((_MESSAGE, _OVERHEAD + len(changed), *head), _HEAD)
             parts += [row.tobytes(), changed]

@@ -4,7 +4,7 @@ The layout is that of metadata version 9, which ROS 2 Jazzy writes and every lat
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import yaml
@@ -25,13 +25,15 @@ _POLICIES: Final = {
     "liveliness": ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown"),
 }
 
+_DURATIONS: Final = ("deadline", "lifespan", "liveliness_lease_duration")
+
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the second one without libyaml
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """The quality of service that one publisher offers, by rmw's words.
+    """The quality of service that one publisher offers, by rmw's words, in rosbag2's order.
 
     Attributes
     ----------
@@ -54,18 +56,9 @@ class OfferedQos:
     avoid_ros_namespace_conventions: bool = False
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return the profile in rosbag2's order and spelling."""
-        return {
-            "history": self.history,
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
-            "deadline": _duration(self.deadline),
-            "lifespan": _duration(self.lifespan),
-            "liveliness": self.liveliness,
-            "liveliness_lease_duration": _duration(self.liveliness_lease_duration),
-            "avoid_ros_namespace_conventions": self.avoid_ros_namespace_conventions,
-        }
+        """Return the profile in rosbag2's spelling."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return values | {name: _duration(values[name]) for name in _DURATIONS}
 
 
 def _duration(nanoseconds: int) -> dict[str, int]:
@@ -86,7 +79,7 @@ def parse_offered_qos(text: str) -> tuple[OfferedQos, ...]:
     for entry in content if isinstance(content, list) else ():
         try:
             values: dict[str, Any] = {name: _word(name, entry[name]) for name in _POLICIES}
-            for name in ("deadline", "lifespan", "liveliness_lease_duration"):
+            for name in _DURATIONS:
                 values[name] = min(entry[name]["sec"] * NANOSECONDS + entry[name]["nsec"], INFINITE)
             profiles.append(OfferedQos(depth=int(entry["depth"]), **values))
         except (KeyError, TypeError, ValueError, IndexError):
@@ -148,13 +141,12 @@ class FileSummary:
 
     def times(self) -> dict[str, Any]:
         """Return start and duration as rosbag2 writes them."""
-        if self.start is None or self.end is None:
-            start, duration = INFINITE, 0
-        else:
-            start, duration = self.start, self.end - self.start
+        start, end = (
+            (INFINITE, INFINITE) if self.start is None or self.end is None else (self.start, self.end)
+        )
         return {
             "starting_time": {"nanoseconds_since_epoch": start},
-            "duration": {"nanoseconds": duration},
+            "duration": {"nanoseconds": end - start},
         }
 
 

@@ -13,14 +13,15 @@ import os
 import struct
 import warnings
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import yaml
 import zstandard
 from mcap.exceptions import McapError
+from mcap.records import Channel
 from mcap_ros2.decoder import DecoderFactory
 
 from cspr_msgs_py.bag import columns as bag_columns
@@ -53,6 +54,8 @@ __all__ = [
     "Samples",
     "Times",
 ]
+
+_Columns = TypeVar("_Columns", bound=Samples)
 
 _READERS = {
     JOINT_STATE: bag_columns.joint_states,
@@ -174,12 +177,7 @@ class Bag:
     def offered_qos(self, topic: str) -> tuple[OfferedQos, ...]:
         """Return what the publishers of a topic offered; empty if the bag does not say."""
         self._require(topic)
-        texts = (
-            channel.metadata.get("offered_qos_profiles", "")
-            for file in self._files
-            for channel in file.channels.values()
-            if channel.topic == topic
-        )
+        texts = (channel.metadata.get("offered_qos_profiles", "") for _, channel in self._channels(topic))
         return parse_offered_qos(next(filter(None, texts), ""))
 
     def __getitem__(self, topic: str) -> Any:
@@ -222,23 +220,19 @@ class Bag:
 
     def joint_states(self, topic: str) -> JointStates:
         """Return a JointState topic as columns; raises as `read`, and for a topic of another type."""
-        samples: JointStates = self._typed(topic, JOINT_STATE)
-        return samples
+        return self._typed(topic, JOINT_STATE, JointStates)
 
     def references(self, topic: str = REFERENCE.name) -> References:
         """Return the reference as columns; raises as `joint_states` does."""
-        samples: References = self._typed(topic, MULTI_DOF_TRAJECTORY)
-        return samples
+        return self._typed(topic, MULTI_DOF_TRAJECTORY, References)
 
     def poses(self, topic: str) -> Poses:
         """Return a PoseStamped topic as columns; raises as `joint_states` does."""
-        samples: Poses = self._typed(topic, POSE_STAMPED)
-        return samples
+        return self._typed(topic, POSE_STAMPED, Poses)
 
     def inertias(self, topic: str) -> Inertias:
         """Return an InertiaStamped topic as columns; raises as `joint_states` does."""
-        samples: Inertias = self._typed(topic, INERTIA_STAMPED)
-        return samples
+        return self._typed(topic, INERTIA_STAMPED, Inertias)
 
     def messages(self, topic: str) -> Iterator[tuple[int, int, bytes]]:
         """Yield log time (ns), publish time (ns) and CDR bytes of each message, as recorded.
@@ -272,26 +266,18 @@ class Bag:
         wanted = set(self.topics if topics is None else topics)
         for topic in wanted:
             self._require(topic)
-        regions = sorted(
-            ((region.start, order, file, region) for order, (file, region) in enumerate(self._regions())),
-            key=lambda entry: entry[:2],
-        )
+        regions = [(file, region) for file in self._files for region in file.regions]
         waiting: list[tuple[int, int, Message]] = []
         counter = 0
-        for begin, _, file, region in regions:
+        for file, region in sorted(regions, key=lambda entry: entry[1].start):
+            begin = region.start
             while waiting and waiting[0][0] < begin:  # nothing earlier can come any more
                 yield heapq.heappop(waiting)[2]
             if (start_ns is not None and region.end < start_ns) or (end_ns is not None and begin >= end_ns):
                 continue
             names = {key: channel.topic for key, channel in file.channels.items() if channel.topic in wanted}
             block = self.uncompressed(file.block(region, names))
-            for channel, log_time, publish_time, data in zip(
-                block.channels.tolist(),
-                block.log_times.tolist(),
-                block.publish_times.tolist(),
-                block,
-                strict=True,
-            ):
+            for channel, _, log_time, publish_time, data in block.messages():
                 if (start_ns is None or log_time >= start_ns) and (end_ns is None or log_time < end_ns):
                     message = Message(log_time, publish_time, names[channel], data)
                     heapq.heappush(waiting, (log_time, counter, message))
@@ -299,14 +285,12 @@ class Bag:
         while waiting:
             yield heapq.heappop(waiting)[2]
 
-    def _regions(self) -> Iterable[tuple[McapFile, Any]]:
-        return ((file, region) for file in self._files for region in file.regions)
-
-    def _typed(self, topic: str, kind: str) -> Any:
+    def _typed(self, topic: str, kind: str, _: type[_Columns]) -> _Columns:
         self._require(topic)
         if self.topics[topic] != kind:
             raise BagError(f"{self.path}: {topic} is of type {self.topics[topic]}, not {kind}")
-        return self.read(topic)
+        columns: _Columns = self.read(topic)
+        return columns
 
     def _absolute(self, seconds: float | None) -> int | None:
         return None if seconds is None else self.start_ns + round(seconds * NANOSECONDS)
@@ -331,12 +315,7 @@ class Bag:
 
     def _decoder(self, topic: str) -> Decode:
         """Return a decoder of a topic's messages, which reads the definition in the bag on its first use."""
-        file, channel = next(
-            (file, channel)
-            for file in self._files
-            for channel in file.channels.values()
-            if channel.topic == topic
-        )
+        file, channel = next(self._channels(topic))
         schema = file.schemas.get(channel.schema_id)
         found: list[Decode] = []
 
@@ -353,6 +332,10 @@ class Bag:
             return found[0](data)
 
         return decode
+
+    def _channels(self, topic: str) -> Iterator[tuple[McapFile, Channel]]:
+        for file in self._files:
+            yield from ((file, channel) for channel in file.channels.values() if channel.topic == topic)
 
     def _require(self, topic: str) -> None:
         topics = self.topics

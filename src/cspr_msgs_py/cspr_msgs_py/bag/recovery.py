@@ -117,9 +117,7 @@ def _copy(bag: Bag, copy: BagFile, progress: Callable[[float], None]) -> None:
         }
         for region in file.regions:
             block = bag.uncompressed(file.block(region, known))
-            fields = (block.channels, block.log_times, block.publish_times, block.sequences)
-            rows = zip(*(field.tolist() for field in fields), block, strict=True)
-            for channel, log_time, publish_time, sequence, data in rows:
+            for channel, sequence, log_time, publish_time, data in block.messages():
                 copy.add_message(known[channel], log_time, publish_time, data, sequence)
             done += 1
             progress(done / number)

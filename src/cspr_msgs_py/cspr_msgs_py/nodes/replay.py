@@ -8,6 +8,7 @@ import time
 import warnings
 from collections.abc import Iterable, Sequence
 from enum import Enum
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -271,34 +272,37 @@ class Replay:
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = program_parser("replay", DESCRIPTION, EPILOG)
     add = parser.add_argument
+    above_zero, from_zero = partial(_number, zero=False), partial(_number, zero=True)
     add("bag", metavar="BAG", type=Path, help="directory of a bag, or one of its files")
-    add("--rate", metavar="R", type=_positive, default=1.0, help="seconds of the bag in a second; default: 1")
+    add(
+        "--rate",
+        metavar="R",
+        type=above_zero,
+        default=1.0,
+        help="seconds of the bag in a second; default: 1",
+    )
     add("--loop", action="store_true", help="begin again at the end")
-    add("--start", metavar="S", type=_not_negative, default=0.0, help="begin this many seconds into the bag")
+    add(
+        "--start",
+        metavar="S",
+        type=from_zero,
+        default=0.0,
+        help="begin this many seconds into the bag",
+    )
     add("--topics", metavar="TOPIC", nargs="+", default=[], help="publish only these; default: all")
     add("--paused", action="store_true", help="begin with a pause")
     return parser.parse_args(arguments)
 
 
-def _positive(text: str) -> float:
-    value = _number(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not above 0")
-    return value
-
-
-def _not_negative(text: str) -> float:
-    value = _number(text)
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is negative or infinite")
-    return value
-
-
-def _number(text: str) -> float:
+def _number(text: str, zero: bool) -> float:
+    """Return a finite number above 0 or, with `zero`, of at least 0."""
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not (0.0 <= value < math.inf and (value or zero)):
+        raise argparse.ArgumentTypeError(f"{text} is {'negative or infinite' if zero else 'not above 0'}")
+    return value
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

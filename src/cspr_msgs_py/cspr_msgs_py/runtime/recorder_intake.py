@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
@@ -16,20 +17,19 @@ from cspr_msgs_py.topics import EVENTS
 _DEPTH = 500
 
 
+@dataclass(eq=False)
 class Source:
     """A topic that is recorded."""
 
-    def __init__(self, name: str, type_name: str, latched: bool, subscription: Subscription) -> None:
-        self.name = name
-        self.type_name = type_name
-        self.latched = latched
-        self.pauses = name != EVENTS.name
-        self.subscription = subscription
-        self.index: int | None = None  # place in the bag once a message has come
-        self.held: tuple[int, int, bytes, int] | None = None  # newest message while paused
-        self.lost = 0
-        self.counted = True  # whether the gaps of the sequence numbers say what is lost
-        self._sequence = 0  # of the newest message
+    name: str
+    type_name: str
+    latched: bool
+    subscription: Subscription
+    index: int | None = None  # place in the bag once a message has come
+    held: tuple[int, int, bytes, int] | None = None  # newest message while paused
+    lost: int = 0
+    counted: bool = True  # whether the gaps of the sequence numbers say what is lost
+    _sequence: int = 0  # of the newest message
 
     def count(self, sequence: int) -> None:
         """Look for a gap between the numbers that the publisher gave its messages."""
@@ -96,7 +96,7 @@ class Intake:
                     sequence = info["publication_sequence_number"] or 0
                     source.count(sequence)
                     message = info["received_timestamp"], info["source_timestamp"], data, sequence
-                    if self.paused and source.pauses:
+                    if self.paused and source.name != EVENTS.name:
                         source.held = message if source.latched else None
                     else:
                         self._hand_on(source, message)

@@ -137,7 +137,8 @@ class Frame:
         self.size = len(data)
         ends = [0, *(end for _, end in template.places)]
         starts = [*(start for start, _ in template.places), self.size]
-        self._pieces = [data[end:start] for end, start in zip(ends, starts, strict=True)]
+        self._parts = [b""] * (2 * len(ends) - 1)  # constants with their padding, and between them the blocks
+        self._parts[::2] = [data[end:start] for end, start in zip(ends, starts, strict=True)]
         self._constants = tuple(data[start:end] for start, end in template.constants)
         self._places = [
             (start, np.frombuffer(data[start:end], np.uint8)) for start, end in template.constants
@@ -154,9 +155,8 @@ class Frame:
 
     def join(self, *blocks: bytes) -> bytes:
         """Return the message with these blocks of numbers, in the order of their places."""
-        parts = self._pieces.copy()
-        for index, block in enumerate(blocks):
-            parts[index] += block
+        parts = self._parts.copy()
+        parts[1 : 2 * len(blocks) : 2] = blocks
         return b"".join(parts)
 
     def matches(self, buffer: Bytes) -> bool:

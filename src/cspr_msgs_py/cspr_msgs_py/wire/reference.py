@@ -92,7 +92,7 @@ class ReferenceCodec(Frame):
         """
         return self.join(
             pack_time(sample.stamp_ns),
-            *(_block(sample, field) for field in VECTORS),
+            *[_block(sample, field) for field in VECTORS],
             pack_time(round(sample.time_from_start * NANOSECONDS)),
         )
 
@@ -104,7 +104,7 @@ class ReferenceCodec(Frame):
         return ReferenceSample(
             unpack_time(data, self._stamp_offset),
             unpack_time(data, self._duration_offset) / NANOSECONDS,
-            *(np.frombuffer(data, _DOUBLE, size, offset) for size, offset in self._vectors),
+            *[np.frombuffer(data, _DOUBLE, size, offset) for size, offset in self._vectors],
         )
 
 

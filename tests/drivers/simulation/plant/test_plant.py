@@ -137,7 +137,7 @@ def test_brakes_stop_a_fall(config: SimulationConfig) -> None:
 def test_a_brake_slips_when_the_load_is_beyond_its_torque(config, share, slips) -> None:
     """A cable's tension times drum radius over gear ratio against the holding torque of 12 N m or 0.6 N m."""
     plant = Plant(carrying(config, 200.0))
-    load = config.robot.winch.ratio * plant.tensions()[0]
+    load = config.robot.winch.transmission_ratio * plant.tensions()[0]
     assert 0.6 + config.robot.motor.coulomb_friction < load < 12.0
     plant.weaken_brake(0, share)
     plant.set_brake(0, closed=True)

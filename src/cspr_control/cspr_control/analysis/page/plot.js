@@ -69,6 +69,16 @@ function write(c, text, x, y, align, baseline, color = MUTED) {
   c.fillText(text, x, y);
 }
 
+// With ctrl or shift the wheel zooms; alone it scrolls the page.
+function onZoom(canvas, zoom) {
+  const turned = (event) => {
+    if (!event.ctrlKey && !event.shiftKey) return;
+    event.preventDefault();
+    zoom(event, Math.sign(event.deltaY || event.deltaX));
+  };
+  canvas.addEventListener("wheel", turned, { passive: false });
+}
+
 // The place of a picture on its canvas, and its vertical scale.
 class Panel {
   place(canvas, width, height, range, below = 0) {
@@ -310,18 +320,12 @@ class LinePanel extends Panel {
       this.grip = undefined;
     });
     this.overlay.addEventListener("dblclick", () => this.chart.page.resetView());
-    this.overlay.addEventListener(
-      "wheel",
-      (event) => {
-        if (!event.ctrlKey && !event.shiftKey) return; // the wheel alone scrolls the page
-        event.preventDefault();
-        const t = this.timeAt(inside(event));
-        const factor = Math.exp(Math.sign(event.deltaY || event.deltaX) * 0.2);
-        const [from, to] = this.chart.page.view;
-        this.chart.page.setView(t + (from - t) * factor, t + (to - t) * factor);
-      },
-      { passive: false },
-    );
+    onZoom(this.overlay, (event, turns) => {
+      const t = this.timeAt(inside(event));
+      const factor = Math.exp(0.2 * turns);
+      const [from, to] = this.chart.page.view;
+      this.chart.page.setView(t + (from - t) * factor, t + (to - t) * factor);
+    });
   }
 
   showTip(event) {

@@ -76,16 +76,10 @@ class Scene {
     });
     this.canvas.addEventListener("pointerup", () => (this.grip = undefined));
     this.canvas.addEventListener("dblclick", () => this.page.resetCamera());
-    this.canvas.addEventListener(
-      "wheel",
-      (event) => {
-        if (!event.ctrlKey && !event.shiftKey) return;
-        event.preventDefault();
-        camera.zoom = Math.min(8, Math.max(0.4, camera.zoom * Math.exp(-Math.sign(event.deltaY || event.deltaX) * 0.12)));
-        this.page.drawScenes();
-      },
-      { passive: false },
-    );
+    onZoom(this.canvas, (event, turns) => {
+      camera.zoom = Math.min(8, Math.max(0.4, camera.zoom * Math.exp(-0.12 * turns)));
+      this.page.drawScenes();
+    });
   }
 
   // Place on the canvas and depth of a point in base.

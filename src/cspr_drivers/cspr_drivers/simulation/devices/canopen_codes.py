@@ -28,7 +28,6 @@ class EmergencyCode(IntEnum):
     """Emergency error codes in use (CiA 301, section 7.2.7.1; CiA 402-2, error code 603Fh)."""
 
     NO_ERROR = 0x0000
-    SHORT_CIRCUIT = 0x2320
     UNDERVOLTAGE = 0x3220
     OVERTEMPERATURE = 0x4310
     COMMUNICATION = 0x8100

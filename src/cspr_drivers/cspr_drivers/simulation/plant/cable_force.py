@@ -128,18 +128,18 @@ def cable_and_motor_forces(
     control
         Result (2 m,): forces along the tendons, then torques at the shafts.
     """
-    pay_out, stiffness, damping_time, dead_length = constants
+    transmission_ratio, stiffness, damping_time, dead_length = constants
     m = len(length)
     for i in range(m):
-        free = free_at_home[i] + pay_out * angle[i]
+        free = free_at_home[i] + transmission_ratio * angle[i]
         stretch = length[i] + wrapped[i] - free
         pull = 0.0
         if stretch > 0.0:
-            rate = length_rate[i] - pay_out * speed[i]
+            rate = length_rate[i] - transmission_ratio * speed[i]
             pull = max(0.0, stiffness / (free + dead_length) * (stretch + damping_time * rate))
         torque = torque_input[i] - damping[i] * speed[i]
         torque = min(max(torque, -torque_limit), torque_limit)
         tension[i] = pull
         applied_torque[i] = torque
         control[i] = -pull
-        control[m + i] = torque + pay_out * pull
+        control[m + i] = torque + transmission_ratio * pull

@@ -75,7 +75,7 @@ class Plant:
         self._damping = np.zeros(m)
         self._tensions = np.zeros(m)
         self._brake_share = np.ones(m)
-        self._pay_out = robot.winch.ratio  # m of cable per rad of the motor
+        self._transmission_ratio = robot.winch.transmission_ratio  # m of cable per rad of the motor
         exits = [self._model.site(f"exit_{i}").id for i in range(m)]
         platform = int(self._model.joint("platform").qposadr[0])
         self._pulleys = (
@@ -90,7 +90,7 @@ class Plant:
         self._wrapped = np.zeros(m)
         cables = self._cables
         self._cable_constants = np.array(
-            [self._pay_out, cables.axial_stiffness, cables.damping_time, cables.dead_length]
+            [self._transmission_ratio, cables.axial_stiffness, cables.damping_time, cables.dead_length]
         )
         self.payload = Payload.none()
         self.set_payload(config.payload)

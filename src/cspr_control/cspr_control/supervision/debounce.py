@@ -1,4 +1,4 @@
-"""Watching one quantity of each cable or motor against a limit."""
+"""Debouncing: a limit counts as violated only after a while."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspr_control.errors import SettingError
 
 
-class LastingViolation:
+class Debounce:
     """Tells when a limit has been violated without a break for longer than a stated time.
 
     The limit of a quantity that jumps for a moment in good operation (a cable goes slack when the reference
