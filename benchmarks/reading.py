@@ -34,9 +34,8 @@ def write(directory: Path) -> Path:
     """Write a bag of motor states, a chunk every half second as the recorder does."""
     file = BagFile(directory, {})
     bag = SampleBag(file, MOTORS)
-    counts = (
-        np.random.default_rng(0).integers(-(2**31), 2**31, (1000, 3, MOTORS)) * 2.0**-24
-    )  # as an encoder's
+    # as an encoder's
+    counts = np.random.default_rng(0).integers(-(2**31), 2**31, (1000, 3, MOTORS)) * 2.0**-24
     for index in range(MESSAGES):
         bag.write(MOTOR_STATES, index * PERIOD, JointStateSample(index * PERIOD, *counts[index % 1000]))
         if index % CHUNK == CHUNK - 1:

@@ -34,18 +34,6 @@ from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 from cspr_msgs_py.wire.samples import Status, StatusArray
 from cspr_msgs_py.wire.topic_codecs import topic_codec
 
-__all__ = [
-    "LEAN_NODE",
-    "Diagnostics",
-    "advertise",
-    "run_nodes",
-    "sample_publisher",
-    "steady_timer",
-    "subscribe",
-    "subscribe_raw",
-    "subscribe_samples",
-]
-
 LEAN_NODE: Final = {"enable_rosout": False, "start_parameter_services": False}
 """Keyword arguments of :class:`rclpy.node.Node` for nodes of which a process or a graph has many."""
 
