@@ -207,11 +207,8 @@ def _set_scheduling(nodes: Sequence[Node], realtime: bool) -> None:
 
 
 def _make_safe(node: Node) -> int:
-    make_safe = getattr(node, "make_safe", None)
-    if make_safe is None:
-        return 0
     try:
-        make_safe()
+        getattr(node, "make_safe", lambda: None)()
     except Exception as error:  # the other nodes must be made safe whatever happens to this one
         return _report(node.get_name(), error)
     return 0
