@@ -45,10 +45,6 @@ class Configuration:
     robot: Robot
     robot_file: str
 
-    def parsed(self, name: str) -> Any:
-        """Return the content of a YAML file; its text if it is not a mapping."""
-        return parsed(self.files.get(name, ""))
-
 
 def read_configuration(
     attachments: Mapping[str, bytes], bag: Path, robot_file: Path | None, directory: Path

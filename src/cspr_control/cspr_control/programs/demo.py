@@ -199,26 +199,21 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
-    recording = [
-        "--ros-args",
-        *ros_parameter("output", str(directory / "bag")),
-        *ros_parameter("attach", attached),
-    ]
-    recording += recorder_cpu
-    controlling = ros_arguments(config) + scenario.control_arguments() + control_cpu
-    simulating = ros_arguments(config) + scenario.robot_arguments() + robot_cpu
+    output = ros_parameter("output", str(directory / "bag"))
+    started = {
+        "recorder": ["--ros-args", *output, *ros_parameter("attach", attached), *recorder_cpu],
+        "simulated_robot": ros_arguments(config) + scenario.robot_arguments() + robot_cpu,
+        "control": ros_arguments(config) + scenario.control_arguments() + control_cpu,
+    }
+    if markers:
+        started["robot_markers"] = ros_arguments(config) + recorder_cpu
 
     with ChildProcesses(directory / "log") as children, demo_client() as client:
         progress = Progress(scenario.label, client)
         run = Operator(client, children, progress, scenario.speed)
         try:
-            children.start("recorder", PACKAGES["recorder"], recording)
-            children.start("simulated_robot", PACKAGES["simulated_robot"], simulating)
-            children.start("control", PACKAGES["control"], controlling)
-            if markers:
-                children.start(
-                    "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
-                )
+            for name, arguments in started.items():
+                children.start(name, PACKAGES[name], arguments)
             run.wait("starting", lambda: not client.missing, 120.0, lambda: client.missing)
             run.enable(30.0)
             run.pause("measuring the load", 2.0)
