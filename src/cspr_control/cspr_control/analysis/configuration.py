@@ -191,10 +191,7 @@ def describe(found: Mapping[str, tuple[Any, Any]], first: str, second: str) -> s
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, list) and not any(isinstance(item, list | Mapping) for item in value):
-        text = str(value)
-    else:
-        text = "absent" if value is None else str(value)
+    text = "absent" if value is None else str(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 

@@ -123,7 +123,7 @@ def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
 
 def _status(message: Any) -> Status:
     values = {pair.key: pair.value for pair in message.values}
-    return Status(message.name, Level(message.level), message.message, values)
+    return Status(message.name, Level(min(message.level, Level.STALE)), message.message, values)
 
 
 def _spans(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[Span, ...]:

@@ -134,21 +134,17 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     controllers.add_argument(
         "--compare", action="store_true", help="run all controllers and compare them in one table"
     )
-    parser.add_argument(
-        "--realtime", action="store_true", help="SCHED_FIFO for control and drivers (needs the privilege)"
-    )
-    parser.add_argument(
+    add = parser.add_argument
+    add("--realtime", action="store_true", help="SCHED_FIFO for control and drivers (needs the privilege)")
+    add(
         "--speed", type=number("a number from 0.1 to 1", 0.1, 1.0), default=1.0, metavar="FACTOR",
         help="pace of the simulated machine, 0.1 to 1, for a computer that is too slow for it; default: %(default)s",
     )  # fmt: skip
-    parser.add_argument(
-        "--markers",
-        action="store_true",
+    add(
+        "--markers", action="store_true",
         help="also publish /robot_markers, for RViz and Foxglove (config/views)",
-    )
-    parser.add_argument(
-        "--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s"
-    )
+    )  # fmt: skip
+    add("--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s")
     options = parser.parse_args(arguments)
     if options.exact_mass and Controller(options.controller).model is FeedforwardModel.NONE:
         parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
