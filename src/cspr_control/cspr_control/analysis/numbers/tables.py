@@ -107,28 +107,19 @@ def format_runs(runs: Sequence[RunAnalysis]) -> str:
     """Return the tables for a terminal."""
     rows = summary_rows(runs)
     names = [controller_title(run.name) for run in runs]
+    headings = [f"{name}, by motor and cable" for name in names]
+    first = max(len(text) for text in (*(name for name, _ in rows), *headings)) + 2
+
+    def line(name: str, texts: Sequence[str], widths: Sequence[int]) -> str:
+        return name.ljust(first) + "".join(text.rjust(w) for text, w in zip(texts, widths, strict=True))
+
     columns = [names, *(texts for _, texts in rows)]
     widths = [max(len(column[k]) for column in columns) + 2 for k in range(len(runs))]
-    first = (
-        max(len(text) for text in (*(name for name, _ in rows), *(f"{n}, by motor and cable" for n in names)))
-        + 2
-    )
-    lines = ["".ljust(first) + "".join(name.rjust(w) for name, w in zip(names, widths, strict=True))]
-    lines += [
-        name.ljust(first) + "".join(text.rjust(w) for text, w in zip(texts, widths, strict=True))
-        for name, texts in rows
-    ]
-    for run, name in zip(runs, names, strict=True):
-        found = motor_rows(run)
+    lines = [line(name, texts, widths) for name, texts in (("", names), *rows)]
+    for run, heading in zip(runs, headings, strict=True):
         m = run.recording.robot.number_of_cables
-        lines += [
-            "",
-            f"{name}, by motor and cable".ljust(first) + "".join(f"{k:>9}" for k in range(1, m + 1)),
-        ]
-        lines += [
-            label.ljust(first) + "".join(f"{text:>9}" for text in row_texts(values))
-            for label, values in found
-        ]
+        lines += ["", line(heading, [str(k) for k in range(1, m + 1)], m * [9])]
+        lines += [line(name, row_texts(values), m * [9]) for name, values in motor_rows(run)]
     return "\n".join(line.rstrip() for line in lines)
 
 
