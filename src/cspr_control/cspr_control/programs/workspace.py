@@ -88,11 +88,8 @@ def _check_positions(options: argparse.Namespace, robot: Robot) -> None:
     upper = np.asarray(robot.workspace_max if options.upper is None else options.upper)
     for position in options.at or []:
         if not (np.all(lower <= position) and np.all(position <= upper)):
-            raise InvalidInputError(
-                "--at",
-                position,
-                f"outside the grid, {lower.tolist()} to {upper.tolist()}; see --lower, --upper",
-            )
+            grid = f"the grid, {lower.tolist()} to {upper.tolist()}"
+            raise InvalidInputError("--at", position, f"outside {grid}; see --lower, --upper")
 
 
 def _numbers_of(robot: Robot, task: Task, workspace: Workspace, orientations: int) -> dict[str, Any]:
