@@ -156,10 +156,8 @@ def _format_task(task: Task) -> str:
 def _format_position(workspace: Workspace, position: Sequence[float]) -> str:
     margin, distance = float(workspace.margin_at(position)), float(workspace.distance_to_boundary(position))
     side = "inside" if margin >= 0.0 else "outside"
-    return (
-        f"  at ({_numbers(position)})".ljust(24)
-        + f"margin {margin:.1f} N, {abs(distance):.3f} m {side} the border"
-    )
+    place = f"  at ({_numbers(position)})"
+    return f"{place:<24}margin {margin:.1f} N, {abs(distance):.3f} m {side} the border"
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> str:

@@ -184,18 +184,13 @@ class Supervisor:
 
     def _find_fault(self, time: float) -> Fault | None:
         if self._drives is DriverState.FAULT:
-            return Fault(
-                FaultKind.DRIVE_FAULT, self._drives_cause or "reported by the driver without a cause"
-            )
+            cause = self._drives_cause or "reported by the driver without a cause"
+            return Fault(FaultKind.DRIVE_FAULT, cause)
         if self.state is RobotState.DISABLED:
-            if self._drives is DriverState.ENABLED:
-                return Fault(
-                    FaultKind.DRIVE_STATE, "the drives are enabled although nobody enabled the robot"
-                )
-            return None
-        following = self.state is RobotState.ENABLED or (
-            self.state is RobotState.STOPPING and not self._disabling
-        )
+            unasked = Fault(FaultKind.DRIVE_STATE, "the drives are enabled although nobody enabled the robot")
+            return unasked if self._drives is DriverState.ENABLED else None
+        stopping = self.state is RobotState.STOPPING and not self._disabling
+        following = self.state is RobotState.ENABLED or stopping
         faults = self.checks.stale(time) + self.checks.excess(time, following)
         urgent = next((fault for fault in faults if not fault.controlled), None)
         urgent = urgent or self._find_drive_fault(time)
