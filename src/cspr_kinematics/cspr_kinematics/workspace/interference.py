@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -127,10 +126,9 @@ def cable_interference(
     count = math.prod(batch)
     starts = cables.anchor_points
     spans = cables.free_lengths[..., None] * cables.directions
-    pairs = np.array(
-        [pair for pair in itertools.combinations(range(m), 2) if not _share_a_point(robot, *pair)],
-        dtype=np.int64,
-    ).reshape(-1, 2)
+    first, second = np.triu_indices(m, 1)
+    between = [np.linalg.norm(p[first] - p[second], axis=1) for p in (robot.exit_points, robot.anchor_points)]
+    pairs = np.stack((first, second), axis=1)[np.min(between, axis=0) >= _SAME_POINT]
     pair_distances, box_distances = np.empty((count, len(pairs))), np.empty((count, m))
     cable_distances_kernel(
         kernel_input(starts, count, m, 3), kernel_input(spans, count, m, 3), pairs, pair_distances
@@ -147,10 +145,3 @@ def cable_interference(
     )
     numbers = in_batch(pairs + 1, (len(pairs),))
     return Interference(numbers, in_batch(pair_distances, batch), in_batch(box_distances, batch))
-
-
-def _share_a_point(robot: Robot, i: int, j: int) -> bool:
-    return any(
-        bool(np.linalg.norm(points[i] - points[j]) < _SAME_POINT)
-        for points in (robot.exit_points, robot.anchor_points)
-    )
