@@ -123,20 +123,17 @@ class DriveMaster:
             return
         self._stopped = True
         if self._started:
-            self._leave_drives()
+            self.come_to_rest()
+            self._setup.stop()
+            leave_operational(self._devices)
+            self.cycle_clock.stop()
+            self._ports.off_sync(self._cycle.sync)
+            for port, failure in self._failures:
+                port.off_failure(failure)
+            for port, identifier, _ in self._handlers():
+                port.unsubscribe(identifier)
         for device in self._devices:
             device.release()
-
-    def _leave_drives(self) -> None:
-        self.come_to_rest()
-        self._setup.stop()
-        leave_operational(self._devices)
-        self.cycle_clock.stop()
-        self._ports.off_sync(self._cycle.sync)
-        for port, failure in self._failures:
-            port.off_failure(failure)
-        for port, identifier, _ in self._handlers():
-            port.unsubscribe(identifier)
 
     # Torque commands.
 

@@ -84,11 +84,8 @@ class TransmitPdo:
         """Return the frame that a SYNC asks for, if any."""
         if not self.synchronous:
             return None
-        self._syncs += 1
-        if self._syncs < self._every:
-            return None
-        self._syncs = 0
-        return self._frame(self._data())
+        self._syncs = (self._syncs + 1) % self._every
+        return None if self._syncs else self._frame(self._data())
 
     def on_event(self, time: float) -> can.Message | None:
         """Return the frame to send at a time, s, because a value has changed or the event timer ran out."""
