@@ -12,9 +12,8 @@ from studies.experiment import BARE, CONTROLLERS
 
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
-from cspr_msgs_py.vocabulary import Controller
+from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
 SMOOTH = replace(BARE, trajectory=TrajectoryName.SMOOTH_19)
 CASES = {

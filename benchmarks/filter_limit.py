@@ -15,7 +15,7 @@ from studies.experiment import BARE
 
 from cspr_control.closed_loop.run import run
 from cspr_control.errors import ControlError
-from cspr_control.reference.catalogue import TrajectoryName
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 TIME_CONSTANTS = (0.4, 0.2, 0.1, 0.05, 0.03, 0.01)  # s
 INERTIA_FACTORS = (1.0, 0.1)

@@ -14,8 +14,7 @@ from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.parameters.experiment import AddedPayload
-from cspr_control.reference.catalogue import TrajectoryName
-from cspr_msgs_py.vocabulary import Controller
+from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
 LOADS = (0.0, 100.0, 200.0)  # kg
 TRAJECTORIES = (TrajectoryName.PAPER_19, TrajectoryName.SMOOTH_19)

@@ -14,10 +14,9 @@ from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import AddedPayload
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import SIMULATED_PAYLOAD
-from cspr_msgs_py.vocabulary import controller_label
+from cspr_msgs_py.vocabulary import TrajectoryName, controller_label
 from studies.experiment import CONTROLLERS
 
 MEAN_TOLERANCE = 0.07  # of the mean RMS error

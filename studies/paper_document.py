@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cspr_control.analysis.figures.style import controller_title
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Robot
+from cspr_msgs_py.vocabulary import TrajectoryName
 from studies.experiment import CHANGING, COMPARED, LOADS, TRAJECTORIES, Case, tension_rms
 from studies.live_agreement import Agreement
 from studies.paper_results import SHOWN_CABLE, SHOWN_MOTOR, LoopResults, TensionResults

@@ -16,9 +16,9 @@ from cspr_control.analysis.figures.paper import (
     trajectory_figure,
 )
 from cspr_control.analysis.figures.style import house_style, save_figure
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_18
 from cspr_kinematics import Robot
+from cspr_msgs_py.vocabulary import TrajectoryName
 from studies.experiment import COMPARED, LOADS, TRAJECTORIES, Case
 from studies.paper_results import SHOWN_CABLE, SHOWN_MOTOR, LoopResults, TensionResults
 from studies.tension_deviation import ADDED_AT, SWITCH_19

@@ -107,11 +107,11 @@ def write_loop_tables(results: LoopResults, robot: Robot, directory: Path) -> No
     for case, one in results.items():
         errors, limit = one.errors, robot.motor.torque_limit
         numbers = (*errors.rms, *errors.maximum, *rms(one.velocity_error), *tension_rms(one))
-        judged = (float(errors.rms.mean()), saturated(one, limit), one.mass_error, one.settling_time)
-        rows.append([case.controller, case.trajectory.value, case.load, case.added, *numbers, *judged])
+        quality = (float(errors.rms.mean()), saturated(one, limit), one.mass_error, one.settling_time)
+        rows.append([case.controller, case.trajectory.value, case.load, case.added, *numbers, *quality])
     head = ["controller", "trajectory", "load_kg", "added_kg"]
-    judged_names = ["mean_rms_deg", "saturated_share", "mass_error_kg", "settling_time_s"]
-    _write(directory / "figure_11.csv", [*head, *names, *judged_names], rows)
+    quality_names = ["mean_rms_deg", "saturated_share", "mass_error_kg", "settling_time_s"]
+    _write(directory / "figure_11.csv", [*head, *names, *quality_names], rows)
     rows = [
         [case.controller, case.trajectory.value, case.load, case.added, time, error, estimate, true]
         for case, record in results.items()

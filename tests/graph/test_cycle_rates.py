@@ -1,4 +1,4 @@
-"""The shipped configurations at their rates, with frames that take as long as on copper: no cycle lacks an answer.
+"""The shipped configurations at their rates, with frames that take as long as on a real bus: no cycle lacks an answer.
 
 In simulated time, so that it says what the buses can do and nothing about this computer.
 """

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.supervision.checks import FaultKind
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.drives.torque_frames import CommandFault
 from cspr_msgs_py.parameters.table import TABLE
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 ROOT = Path(__file__).parents[2]
 DRIVERS = ROOT / "src" / "cspr_drivers" / "cspr_drivers"

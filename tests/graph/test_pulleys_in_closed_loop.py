@@ -10,8 +10,8 @@ import pytest
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_kinematics import Pulleys
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 CONFIG = Path(__file__).parents[2] / "config"
 

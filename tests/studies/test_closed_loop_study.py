@@ -13,13 +13,13 @@ from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import AddedPayload
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Robot
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.vocabulary import TrajectoryName
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 from cspr_msgs_py.wire.stamped_doubles import INERTIA, StampedDoublesCodec
 

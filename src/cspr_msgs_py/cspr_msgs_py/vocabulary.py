@@ -58,6 +58,19 @@ class DriverState(StrEnum):
     FAULT = "fault"
 
 
+class TrajectoryName(StrEnum):
+    """Names of the trajectories, each described in docs/operation.md."""
+
+    HOLD = "hold"
+    MOVE = "move"
+    PAPER_18 = "paper-18"
+    PAPER_19 = "paper-19"
+    PAPER_19_TILT = "paper-19-tilt"
+    SMOOTH_18 = "smooth-18"
+    SMOOTH_19 = "smooth-19"
+    SMOOTH_19_TILT = "smooth-19-tilt"
+
+
 class TrajectoryPhase(StrEnum):
     """What the reference does.
 

@@ -12,8 +12,8 @@ pytest.importorskip("mujoco")
 
 from cspr_control.closed_loop.run import closed_loop
 from cspr_control.closed_loop.scenario import FAULTS, Scenario
-from cspr_control.reference.catalogue import TrajectoryName, make_trajectory
-from cspr_msgs_py.vocabulary import Controller, RobotState
+from cspr_control.reference.catalogue import make_trajectory
+from cspr_msgs_py.vocabulary import Controller, RobotState, TrajectoryName
 
 CONFIG = Path(__file__).parents[3] / "config"
 DRAWN = sorted(set(FAULTS) - {"brake_weak"})  # a brake that slips does not hold, whatever the supervisor does

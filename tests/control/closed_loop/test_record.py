@@ -8,8 +8,7 @@ pytest.importorskip("mujoco")
 from cspr_control.analysis.numbers.run_summary import verdict
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_control.reference.catalogue import TrajectoryName
-from cspr_msgs_py.vocabulary import Controller
+from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
 
 def test_the_summary_of_a_run():

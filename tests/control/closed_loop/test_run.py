@@ -15,10 +15,9 @@ from cspr_control.closed_loop.run import closed_loop, run
 from cspr_control.closed_loop.scenario import PlannedFault, Scenario
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import AddedPayload
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import PAYLOAD
-from cspr_msgs_py.vocabulary import Controller, RobotState
+from cspr_msgs_py.vocabulary import Controller, RobotState, TrajectoryName
 
 CONFIG = Path(__file__).parents[3] / "config"
 SHORT = Scenario(config=CONFIG, trajectory=TrajectoryName.SMOOTH_19, duration=1.0)

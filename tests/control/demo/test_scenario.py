@@ -15,10 +15,9 @@ from rclpy.node import Node
 
 from cspr_control.demo.scenario import DemoError, Scenario, ros_parameter
 from cspr_control.parameters.experiment import AddedPayload
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import TABLE
-from cspr_msgs_py.vocabulary import Controller
+from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
 CONFIG = Path(__file__).parents[3] / "config"
 SCENARIO = Scenario(

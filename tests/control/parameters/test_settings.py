@@ -14,11 +14,11 @@ from cspr_control.parameters.settings import (
     supervision_limits,
     trajectory_settings,
 )
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot, bounded_methods
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import known_parameter
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 
 @pytest.fixture(scope="module")

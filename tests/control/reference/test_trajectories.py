@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import TrajectoryError
-from cspr_control.reference.catalogue import TrajectoryName, make_trajectory
+from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.paper import TILT, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
@@ -13,6 +13,7 @@ from cspr_control.reference.quintic import PEAK_ACCELERATION, PEAK_SPEED, quinti
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.trajectory import Hold, require_inside_workspace
 from cspr_kinematics import Pose
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 CENTER = np.array([0.0, 0.0, 1.0])
 STEP = 1e-4

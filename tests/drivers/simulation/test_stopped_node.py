@@ -1,4 +1,4 @@
-"""A drive that somebody else has stopped by NMT: it serves no SDO then, and is taken in again all the same."""
+"""A drive that somebody else has stopped by NMT: it serves no SDO then, and is set up again all the same."""
 
 import dataclasses
 import uuid

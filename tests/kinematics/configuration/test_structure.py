@@ -81,7 +81,7 @@ def test_a_mapping_that_fits() -> None:
         ({"load": [1.0, -1.0]}, "load[1] = -1.0: must not be negative"),
         (
             {"load": "1e-3"},
-            "must be a finite number; without quotes, and with a point before an exponent: 1.0e-3",
+            "must be a finite number; without quotes",
         ),
         ({"load": float("inf")}, "load = inf: must be a finite number"),
         ({"step": 0.6}, "step = 0.6: must be at most 0.5, or it tips over"),

@@ -130,7 +130,7 @@ class SupervisionComponent(Component):
         return NOTHING
 
     def on_drive_states(self, now: float, sample: StatusArray) -> Outputs:
-        """Take over the state of the drives, and judge at once."""
+        """Take over the state of the drives, and decide at once."""
         status = sample.find("can_drives")
         if status is None:
             self.refuse(DRIVE_STATES, f"{DRIVE_STATES.name} carries no status named can_drives")
@@ -144,7 +144,7 @@ class SupervisionComponent(Component):
         return self.update(now)
 
     def on_load_cell_states(self, now: float, sample: StatusArray) -> Outputs:
-        """Take over what the driver of the load cells finds, and judge at once."""
+        """Take over what the driver of the load cells finds, and decide at once."""
         status = sample.find("load_cells")
         if status is None:
             self.refuse(LOAD_CELL_STATES, f"{LOAD_CELL_STATES.name} carries no status named load_cells")
@@ -172,7 +172,7 @@ class SupervisionComponent(Component):
         return [Remark(self.name, Level.ERROR, f"recorder: {problem}"), *self.update(now)]
 
     def answered(self, now: float, call: Call, accepted: bool, message: str) -> Outputs:
-        """Take over the answer to an action, and judge at once."""
+        """Take over the answer to an action, and decide at once."""
         action = _ACTIONS[call.service]
         self.supervisor.answered(now, action, accepted, message)
         remark = () if accepted else (Remark(self.name, Level.WARN, f"{action.value}: {message}"),)

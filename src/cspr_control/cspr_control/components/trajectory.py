@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from cspr_control.components.component import NOTHING, Component, Outputs, Publication, Remark
 from cspr_control.errors import ControlError, TrajectoryError
-from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
@@ -23,7 +23,7 @@ from cspr_msgs_py.topics import (
     TRAJECTORY_STATE,
     Topic,
 )
-from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryName, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
 from cspr_msgs_py.wire.samples import PoseSample, Status

@@ -1,4 +1,4 @@
-"""The payload in real time: filtered, judged, bounded and rate-limited before the feed-forward uses it."""
+"""The payload in real time: filtered, checked, bounded and rate-limited before the feed-forward uses it."""
 
 from __future__ import annotations
 

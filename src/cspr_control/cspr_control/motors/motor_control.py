@@ -155,7 +155,7 @@ class MotorController:
         stamp
             ROS time at which it is to be reached, ns.
         angle, speed, torque
-            rad, rad/s and N m. Whether they are finite is judged when they are used.
+            rad, rad/s and N m. Whether they are finite is checked when they are used.
         """
         self._received = received
         self._stamp = stamp

@@ -35,7 +35,7 @@ from cspr_control.markers.robot_markers import (
 from cspr_control.motors.feedforward import checked_payload
 from cspr_control.nodes.parameters import declare_robot
 from cspr_control.parameters.experiment import TRAJECTORIES
-from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
@@ -60,7 +60,7 @@ from cspr_msgs_py.topics import (
     Topic,
     cable_names,
 )
-from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.vocabulary import Level, TrajectoryName
 from cspr_msgs_py.wire.conversion import decode_joint_state, decode_reference
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec

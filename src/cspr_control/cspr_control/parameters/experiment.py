@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.vocabulary import Controller, PayloadSource, controller_label
+from cspr_msgs_py.vocabulary import Controller, PayloadSource, TrajectoryName, controller_label
 
 TRAJECTORIES = [
     name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)

@@ -15,11 +15,11 @@ from cspr_control.errors import SettingError, TrajectoryError
 from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings, checked_payload
 from cspr_control.motors.motor_control import MotorGains
-from cspr_control.reference.catalogue import TrajectoryName, TrajectoryOptions, make_trajectory
+from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_kinematics import Pose, Robot, bounded_methods
-from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
 
 Settings = TypeVar("Settings")
 

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from cspr_control.parameters.experiment import TRAJECTORIES, AddedPayload
-from cspr_control.reference.catalogue import TrajectoryName
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import value_from_text
-from cspr_msgs_py.vocabulary import Controller
+from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
 _DEFAULT_ADDED = AddedPayload(100.0, 3.0)
 

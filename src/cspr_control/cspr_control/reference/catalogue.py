@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,21 +14,9 @@ from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace
 from cspr_kinematics import Pose, Robot
 from cspr_msgs_py.parameters.table import defaults
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 _DEFAULT = defaults("trajectory_publisher")
-
-
-class TrajectoryName(Enum):
-    """Names of the trajectories."""
-
-    HOLD = "hold"
-    MOVE = "move"
-    PAPER_18 = "paper-18"
-    PAPER_19 = "paper-19"
-    PAPER_19_TILT = "paper-19-tilt"
-    SMOOTH_18 = "smooth-18"
-    SMOOTH_19 = "smooth-19"
-    SMOOTH_19_TILT = "smooth-19-tilt"
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ class Supervisor:
         self._trajectory_stopped = False
         self._disabling = False
         self._resetting = False
-        self._recording_problem = ""  # news of it, not yet judged
+        self._recording_problem = ""  # news of it, not yet checked
         self._load_cell_problem = ""
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []

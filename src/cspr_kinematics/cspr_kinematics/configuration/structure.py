@@ -170,12 +170,12 @@ def _bound(info: FloatType, value: float) -> str:
 
 
 def _hint(value: object) -> str:
-    """Return how a text that was meant as a number is written as one: YAML 1.1 reads 1e-3 as text."""
+    """Return how a text that was meant as a number is written as one."""
     try:
         float(value if isinstance(value, str) else "")
     except ValueError:
         return ""
-    return "; without quotes, and with a point before an exponent: 1.0e-3"
+    return "; without quotes"
 
 
 def _path(key: str, name: object) -> str:

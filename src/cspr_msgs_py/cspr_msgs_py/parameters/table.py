@@ -14,7 +14,7 @@ from typing import Any
 
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.row import NodeParameter
-from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
 
 ALL_NODES = "/**"
 """Stands for every node in files and on the command line."""
@@ -49,10 +49,6 @@ _GAINS = (
           "Desired motor speed at which the smoothed sign of the friction reaches tanh(1)", "rad/s", 1e-3, 100.0),
 )  # fmt: skip
 
-_TRAJECTORIES = (
-    "hold", "move", "paper-18", "paper-19", "paper-19-tilt", "smooth-18", "smooth-19", "smooth-19-tilt"
-)  # fmt: skip
-
 
 def _limit(name: str, default: float, meaning: str, unit: str) -> NodeParameter:
     """Return a limit of the supervisor; those in seconds are all on the computer's clock."""
@@ -69,7 +65,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     "trajectory_publisher": (
         ROBOT_CONFIG,
         CONTROL_RATE,
-        _live("trajectory", "paper-19", "Trajectory that the next start plays", choices=_TRAJECTORIES),
+        _live("trajectory", "paper-19", "Trajectory that the next start plays", choices=tuple(TrajectoryName)),
         _live("move_position", list, "Where move leads, in base; the home pose by default", "m"),
         _live("move_orientation", list,
               "Angles alpha, beta, gamma about z, y, x that move leads to; the home pose's by default", "rad"),
