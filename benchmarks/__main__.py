@@ -10,7 +10,6 @@ BENCHMARKS = {
     "kinematics": "the mathematics of the control cycle",
     "tensions": "bounded tensions against other solvers, from 6 to 16 cables",
     "scaling": "growth of our own times with the number of cables and poses",
-    "messages": "encoding and decoding of a hot message",
     "reading": "a bag into numpy arrays, against other readers (half a minute)",
     "recorder": "the recorder under the whole graph at 500 Hz (20 s; longer: python -m benchmarks.recorder --help)",
     "controllers": "the controllers in closed loop without ROS (half a minute)",

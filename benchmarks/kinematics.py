@@ -48,10 +48,6 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
         _, matrix = plain_numpy.wrench_matrix(robot, single[0])
         plain_numpy.bounded(matrix, plain_numpy.wrench(robot, *single, PAYLOAD), *limits)
 
-    def batch_in_numpy() -> None:
-        _, matrix = plain_numpy.wrench_matrix(robot, batch[0])
-        plain_numpy.minimum_norm(matrix, plain_numpy.wrench(robot, *batch, PAYLOAD))
-
     whole = microseconds(lambda: chain(robot, *single), 1000)
     rows = [
         (_CHAIN, whole),
@@ -77,9 +73,6 @@ def compare(robot: Robot, title: str, with_numpy: bool) -> None:
     rows.append((f"forward kinematics, from 1 cm away, batch of {BATCH}", warm))
     if with_numpy:
         rows.append(("plain numpy: chain, one pose", microseconds(in_numpy, 400)))
-        rows.append(
-            (f"plain numpy: chain of minimum norm, batch of {BATCH}", per_pose * seconds(batch_in_numpy))
-        )
     factor = 1.0 if with_numpy else 2.0
     print_table(title, rows, whole, {name: factor * aim for name, aim in AIMS.items()})
 

@@ -42,12 +42,6 @@ def wrench(
     return np.concatenate((force, cross(mc, a) + turning), axis=-1)
 
 
-def minimum_norm(A: FloatArray, w: FloatArray) -> FloatArray:
-    """Return A^+ w (..., m)."""
-    At = A.swapaxes(-1, -2)
-    return (At @ np.linalg.solve(A @ At, w[..., None]))[..., 0]
-
-
 def bounded(A: FloatArray, w: FloatArray, low: float, high: float) -> FloatArray:
     """Return the bounded tensions of least norm (m,) of one pose with a wrench within reach.
 

@@ -128,13 +128,12 @@ def lost(bag: Path, cycles: int) -> dict[str, int]:
         return {topic.name: number - read.counts.get(topic.name, 0) for topic, number in expected.items()}
 
 
-def measure(minutes: float, parameters: Sequence[str]) -> None:
+def measure(minutes: float) -> None:
     """Record for this long and print what it cost."""
     cycles = round(minutes * 60 * RATE)
     with tempfile.TemporaryDirectory() as directory:
         bag = Path(directory) / "bag"
         recorder_arguments = ["-m", "cspr_msgs_py.nodes.recorder", "--ros-args", "-p", f"output:={bag}"]
-        recorder_arguments += [word for parameter in parameters for word in ("-p", parameter)]
         with (
             running(*recorder_arguments, ready="recorder ready") as recorder,
             running("-m", "benchmarks.recorder", "--flood", str(cycles), ready="publishing") as source,
@@ -169,14 +168,13 @@ def main(arguments: Sequence[str] = ()) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.recorder", description=__doc__)
     parser.add_argument("--minutes", type=float, default=0.25, help="default: %(default)s")
     parser.add_argument("--flood", type=int, metavar="CYCLES", help="be the process that publishes")
-    parser.add_argument("parameters", nargs="*", metavar="NAME:=VALUE", help="parameters of the recorder")
     chosen = parser.parse_args(arguments)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.setdefault("ROS_DOMAIN_ID", "89")
     if chosen.flood is not None:
         flood(chosen.flood)
     else:
-        measure(chosen.minutes, chosen.parameters)
+        measure(chosen.minutes)
 
 
 if __name__ == "__main__":

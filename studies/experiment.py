@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
 
@@ -61,16 +60,10 @@ def all_cases() -> list[Case]:
     return cases + [Case(name, TrajectoryName.PAPER_19, 100.0, 100.0) for name in CHANGING]
 
 
-def run_cases(
-    cases: list[Case], config: Path, processes: int | None = None
-) -> Iterator[tuple[Case, LoopRecord]]:
+def run_cases(cases: list[Case]) -> Iterator[tuple[Case, LoopRecord]]:
     """Yield each case with its record, in the order of the cases, as they are done."""
-    with Pool(processes) as pool:
-        yield from zip(cases, pool.imap(partial(_run, config=config), cases, chunksize=1), strict=True)
-
-
-def _run(case: Case, config: Path) -> LoopRecord:
-    return run(replace(case.scenario, config=config))
+    with Pool() as pool:
+        yield from zip(cases, pool.imap(run, [case.scenario for case in cases]), strict=True)
 
 
 def rms(values: np.ndarray) -> np.ndarray:

@@ -89,7 +89,7 @@ def _closed_loops() -> LoopResults:
     cases = all_cases()
     began = monotonic()
     records: LoopResults = {}
-    for case, record in run_cases(cases, ROOT / "config"):
+    for case, record in run_cases(cases):
         records[case] = record
         print(
             f"{len(records):3} of {len(cases)}  {case!s:58} {record.rms_deg.mean():6.2f} deg   "

@@ -62,9 +62,8 @@ def replay_profile(offered: Sequence[OfferedQos], depth: int = 10) -> QoSProfile
     """
     reliable = {profile.reliability for profile in offered} != {"best_effort"}
     latched = {profile.durability for profile in offered} == {"transient_local"}
-    if (
-        latched
-    ):  # of late subscribers each is given as many messages: one of each publisher if nothing is known
+    if latched:
+        # Of late subscribers each is given as many messages: one of each publisher if nothing is known.
         depth = sum(max(profile.depth, 1) for profile in offered)
     else:
         depth = max([depth, *(profile.depth for profile in offered)])

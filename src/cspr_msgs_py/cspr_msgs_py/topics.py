@@ -6,6 +6,7 @@ them from here. Names and numbers only: nothing of ROS is imported, see :mod:`cs
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 BASE_FRAME = "base"
 PLATFORM_FRAME = "platform"
@@ -44,24 +45,24 @@ class Topic:
         Absolute name.
     type : str
         Message type as ``package/msg/Name``.
-    reliability, durability, depth
-        Quality of service of publisher and subscribers; the history keeps the last `depth` messages.
     rate : Rate or float
         A :class:`Rate`, or hertz.
     writer : str
         Name of the node that publishes it; ``*`` where every node does.
     content : str
         What a message holds, with units.
+    reliability, durability, depth
+        Quality of service of publisher and subscribers; the history keeps the last `depth` messages.
     """
 
     name: str
     type: str
-    reliability: Reliability
-    durability: Durability
-    depth: int
     rate: Rate | float
     writer: str
     content: str
+    reliability: Reliability
+    durability: Durability
+    depth: int
 
     @property
     def latched(self) -> bool:
@@ -87,18 +88,13 @@ def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str)
     it is merely slower.
     """
     depth = 1 if rate in (Rate.CONTROL, Rate.BUS) else 5
-    return Topic(name, type, Reliability.BEST_EFFORT, Durability.VOLATILE, depth, rate, writer, content)
+    return Topic(name, type, rate, writer, content, Reliability.BEST_EFFORT, Durability.VOLATILE, depth)
 
 
-def _latched(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
-    """Return a topic of states: everyone has the current one, whenever they join."""
-    return Topic(name, type, Reliability.RELIABLE, Durability.TRANSIENT_LOCAL, 1, rate, writer, content)
-
-
-def _reliable(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
-    """Return a topic of events: none may be lost, old ones are of no use to late subscribers."""
-    return Topic(name, type, Reliability.RELIABLE, Durability.VOLATILE, 10, rate, writer, content)
-
+# A topic of states: everyone has the current one, whenever they join.
+_latched = partial(Topic, reliability=Reliability.RELIABLE, durability=Durability.TRANSIENT_LOCAL, depth=1)
+# A topic of events: none may be lost, old ones are of no use to late subscribers.
+_reliable = partial(Topic, reliability=Reliability.RELIABLE, durability=Durability.VOLATILE, depth=10)
 
 REFERENCE = _stream(
     "/reference",

@@ -42,8 +42,8 @@ POSE = StampedDoublesCodec(topics.BASE_FRAME, POSE_DOUBLES)
 INERTIA = StampedDoublesCodec(topics.PLATFORM_FRAME, INERTIA_DOUBLES)
 REFERENCE = ReferenceCodec()
 PARAMETER_EVENTS = topics.Topic(
-    "/parameter_events", "rcl_interfaces/msg/ParameterEvent", topics.Reliability.RELIABLE,
-    topics.Durability.VOLATILE, 10, topics.Rate.ON_CHANGE, "*", "",
+    "/parameter_events", "rcl_interfaces/msg/ParameterEvent", topics.Rate.ON_CHANGE, "*", "",
+    topics.Reliability.RELIABLE, topics.Durability.VOLATILE, 10,
 )  # fmt: skip
 RECORDED = (
     topics.CABLE_TENSIONS, topics.PLATFORM_POSE, topics.REFERENCE, topics.PAYLOAD, topics.SETPOINT,

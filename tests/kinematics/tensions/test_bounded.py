@@ -277,8 +277,8 @@ def test_a_solver_at_its_cap_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome, _ = dual(np.linalg.pinv(problem.A) @ problem.w, N, problem.low, problem.high, x)
     assert outcome == CAPPED
     t = np.empty(10)
-    status, residual, _ = tension_kernels.bounded_tensions_kernel.py_func(*inputs, t * 0.0, np.ones(6), t)
+    status, _ = tension_kernels.bounded_tensions_kernel.py_func(*inputs, t * 0.0, np.ones(6), t)
     assert status == TensionStatus.ITERATION_LIMIT
-    assert residual > 0.0
+    assert np.linalg.norm(problem.A @ t - problem.w) > 0.0
     assert (t >= problem.low).all()
     assert (t <= problem.high).all()

@@ -45,10 +45,6 @@ class Configuration:
     robot: Robot
     robot_file: str
 
-    def parsed(self, name: str) -> Any:
-        """Return the content of a YAML file; its text if it is not a mapping."""
-        return parsed(self.files.get(name, ""))
-
 
 def read_configuration(
     attachments: Mapping[str, bytes], bag: Path, robot_file: Path | None, directory: Path
@@ -172,16 +168,15 @@ def _robot_values(robot: Robot) -> dict[str, Any]:
 def differences(first: Any, second: Any, path: str = "") -> dict[str, tuple[Any, Any]]:
     """Return where two nested structures differ: both values by dotted key; None where one has no such key."""
     if isinstance(first, Mapping) and isinstance(second, Mapping):
-        found: dict[str, tuple[Any, Any]] = {}
-        for key in dict.fromkeys((*first, *second)):
-            found |= differences(first.get(key), second.get(key), f"{path}.{key}" if path else str(key))
-        return found
-    if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
-        found = {}
-        for index, (one, other) in enumerate(zip(first, second, strict=True)):
-            found |= differences(one, other, f"{path}[{index}]")
-        return found
-    return {} if first == second else {path: (first, second)}
+        parts = [(f".{key}", first.get(key), second.get(key)) for key in dict.fromkeys((*first, *second))]
+    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        parts = [(f"[{index}]", *pair) for index, pair in enumerate(zip(first, second, strict=True))]
+    else:
+        return {} if first == second else {path.removeprefix("."): (first, second)}
+    found: dict[str, tuple[Any, Any]] = {}
+    for part, one, other in parts:
+        found |= differences(one, other, path + part)
+    return found
 
 
 def describe(found: Mapping[str, tuple[Any, Any]], first: str, second: str) -> str:
@@ -195,10 +190,7 @@ def describe(found: Mapping[str, tuple[Any, Any]], first: str, second: str) -> s
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, list) and not any(isinstance(item, list | Mapping) for item in value):
-        text = str(value)
-    else:
-        text = "absent" if value is None else str(value)
+    text = "absent" if value is None else str(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 

@@ -17,18 +17,9 @@ from cspr_control.analysis.configuration import Configuration, read_configuratio
 from cspr_control.analysis.timeline import Span, Timeline, read_timeline
 from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
+from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates, Poses, References
 from cspr_msgs_py.errors import BagError
-from cspr_msgs_py.topics import (
-    CABLE_TENSIONS,
-    MOTOR_STATES,
-    PAYLOAD,
-    PLATFORM_POSE,
-    REFERENCE,
-    SETPOINT,
-    SIMULATED_PAYLOAD,
-    motor_command,
-)
 from cspr_msgs_py.vocabulary import Controller, controller_label
 
 Floats = NDArray[np.float64]
@@ -204,10 +195,11 @@ def read_recording(
 
 def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Recording:
     counts = bag.counts
-    if not counts.get(MOTOR_STATES.name):
+    if not counts.get(topics.MOTOR_STATES.name):
         known = ", ".join(sorted(name for name, count in counts.items() if count)) or "nothing at all"
         raise ControlError(
-            f"{path} has no messages on {MOTOR_STATES.name}, without which there is no run to analyse; it has {known}"
+            f"{path} has no messages on {topics.MOTOR_STATES.name}, without which there is no run to analyse; "
+            f"it has {known}"
         )
     configuration, notes = read_configuration(bag.attachments, path, robot_file, directory)
     remarks = list(notes)
@@ -218,20 +210,24 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
         remarks.append(f"{path} has no messages on {topic}: {purpose}")
         return None
 
-    states = _sorted(bag.joint_states(MOTOR_STATES.name))
+    states = _sorted(bag.joint_states(topics.MOTOR_STATES.name))
     m = configuration.robot.number_of_cables
     if states.position.shape[1] != m:
         raise ControlError(
-            f"{path}: {MOTOR_STATES.name} is of {states.position.shape[1]} motors, "
+            f"{path}: {topics.MOTOR_STATES.name} is of {states.position.shape[1]} motors, "
             f"{configuration.robot_file} describes {m}: name the robot that was recorded with --robot FILE"
         )
     setpoints = optional(
-        SETPOINT.name, lambda t: _sorted(bag.joint_states(t)), "no motor position and velocity errors"
+        topics.SETPOINT.name, lambda t: _sorted(bag.joint_states(t)), "no motor position and velocity errors"
     )
-    tensions = optional(CABLE_TENSIONS.name, lambda t: _sorted(bag.joint_states(t)), "no measured tensions")
-    references = optional(REFERENCE.name, lambda t: _sorted(bag.references(t)), "no tensions of the model")
+    tensions = optional(
+        topics.CABLE_TENSIONS.name, lambda t: _sorted(bag.joint_states(t)), "no measured tensions"
+    )
+    references = optional(
+        topics.REFERENCE.name, lambda t: _sorted(bag.references(t)), "no tensions of the model"
+    )
     poses = optional(
-        PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was"
+        topics.PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was"
     )
     clock = RobotClock(states)
 
@@ -239,8 +235,8 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
         payload = bag.inertias(topic)
         return replace(payload, log_time_ns=clock(payload.log_time_ns))
 
-    estimate = optional(PAYLOAD.name, arrived, "no estimated payload")
-    truth = optional(SIMULATED_PAYLOAD.name, arrived, "the true payload is not known")
+    estimate = optional(topics.PAYLOAD.name, arrived, "no estimated payload")
+    truth = optional(topics.SIMULATED_PAYLOAD.name, arrived, "the true payload is not known")
     return Recording(
         path,
         configuration,
@@ -263,16 +259,16 @@ def _commands(
     bag: Bag, counts: dict[str, int], states: JointStates, m: int, remarks: list[str]
 ) -> Floats | None:
     """Return the torque that answered each motor state: a command bears the stamp of the state it answers."""
-    missing = [k for k in range(1, m + 1) if not counts.get(motor_command(k).name)]
+    missing = [k for k in range(1, m + 1) if not counts.get(topics.motor_command(k).name)]
     if missing:
         remarks.append(
-            f"{bag.path} has no messages on {motor_command(missing[0]).name}"
+            f"{bag.path} has no messages on {topics.motor_command(missing[0]).name}"
             f"{f' and {len(missing) - 1} others' if len(missing) > 1 else ''}: no saturation, no unanswered cycles"
         )
         return None
     torque = np.full((states.time_ns.size, m), np.nan)
     for k in range(m):
-        commands = bag.joint_states(motor_command(k + 1).name)
+        commands = bag.joint_states(topics.motor_command(k + 1).name)
         place = np.searchsorted(states.time_ns, commands.time_ns)
         place = np.minimum(place, states.time_ns.size - 1)
         answered = states.time_ns[place] == commands.time_ns

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.configuration import describe, differences
+from cspr_control.analysis.configuration import describe, differences, parsed
 from cspr_control.analysis.figures.all_figures import CABLE_OF_FIGURE_10, payload_change
 from cspr_control.analysis.figures.style import (
     COLOURS,
@@ -238,7 +238,7 @@ def _configuration_differences(runs: Sequence[RunAnalysis]) -> list[str]:
     for run in runs[1:]:
         other = run.recording.configuration
         for name in sorted(first.files.keys() & other.files.keys()):
-            found = differences(first.parsed(name), other.parsed(name))
+            found = differences(parsed(first.files[name]), parsed(other.files[name]))
             if found:
                 names = controller_title(runs[0].name), controller_title(run.name)
                 lines.append(f"{name}: {describe(found, f'in {names[0]}', f'in {names[1]}')}")

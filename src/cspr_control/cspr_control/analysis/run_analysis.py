@@ -147,9 +147,7 @@ def analyse_bags(
     names = list(labels) or _names(recordings)
     if len(set(names)) != len(names):
         raise ControlError(f"two runs have the same label: {', '.join(names)}; give each its own")
-    remarks = require_one_robot(
-        {f"{r.path}": r.configuration for r in recordings} if len(recordings) > 1 else {}
-    )
+    remarks = require_one_robot({f"{r.path}": r.configuration for r in recordings})
     first, *others = map(analyse_recording, recordings, names)
     return replace(first, remarks=(*first.remarks, *remarks)), *others
 

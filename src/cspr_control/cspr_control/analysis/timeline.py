@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -10,17 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag
-from cspr_msgs_py.topics import (
-    DIAGNOSTIC_ARRAY,
-    DIAGNOSTICS,
-    DRIVE_STATES,
-    EVENTS,
-    ROBOT_STATE,
-    TRAJECTORY_STATE,
-    Topic,
-)
-from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, RobotState, TrajectoryPhase
+from cspr_msgs_py.topics import Topic
+from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.samples import Status
 
 LOG = "/rosout"
 Clock = Callable[[NDArray[np.int64]], NDArray[np.int64]]
@@ -35,15 +29,6 @@ class EventKind(Enum):
     PAYLOAD = "payload"
     WARNING = "warning"
     STATE = "state"
-
-
-@dataclass(frozen=True)
-class Status:
-    """One ``diagnostic_msgs/DiagnosticStatus``: who says it, what is said, and values by their keys."""
-
-    name: str
-    message: str
-    values: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -113,19 +98,19 @@ def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
 
     def statuses(topic: Topic) -> list[tuple[int, Status]]:
         messages = read(topic.name)
-        if topic.type == DIAGNOSTIC_ARRAY:
+        if topic.type == topics.DIAGNOSTIC_ARRAY:
             messages = [(t, status) for t, array in messages for status in array.status]
         return [(t, _status(message)) for t, message in messages]
 
-    robot, trajectory = statuses(ROBOT_STATE), statuses(TRAJECTORY_STATE)
+    robot, trajectory = statuses(topics.ROBOT_STATE), statuses(topics.TRAJECTORY_STATE)
     diagnostics: dict[str, list[tuple[int, Status]]] = {}
-    for t, status in statuses(DIAGNOSTICS):
+    for t, status in statuses(topics.DIAGNOSTICS):
         diagnostics.setdefault(status.name.rsplit("/", 1)[-1], []).append((t, status))
     events = [
         *_state_events(robot),
-        *_drive_events(statuses(DRIVE_STATES)),
+        *_drive_events(statuses(topics.DRIVE_STATES)),
         *_trajectory_events(trajectory),
-        *(Event(t, EventKind.MARK, message.data) for t, message in read(EVENTS.name)),
+        *(Event(t, EventKind.MARK, message.data) for t, message in read(topics.EVENTS.name)),
         *_log_events(read(LOG)),
     ]
     return Timeline(
@@ -137,7 +122,8 @@ def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
 
 
 def _status(message: Any) -> Status:
-    return Status(message.name, message.message, {pair.key: pair.value for pair in message.values})
+    values = {pair.key: pair.value for pair in message.values}
+    return Status(message.name, Level(min(message.level, Level.STALE)), message.message, values)
 
 
 def _spans(statuses: Sequence[tuple[int, Status]], end_ns: int) -> tuple[Span, ...]:

@@ -33,20 +33,15 @@ class Machine(Protocol):
 
     def begin(self) -> None:
         """Let the driver begin; time passes until the drives can be enabled."""
-        ...
 
     def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
         """Take commands: a motor from 0, the stamp of the motor states that it answers, ns, and a torque, N m."""
-        ...
 
     def call(self, service: str) -> Decision:
         """Answer a service of the driver."""
-        ...
 
     def change_payload(self, payload: Payload, stamp_ns: int) -> None:
         """Let the platform carry another payload from a moment on, ns of ROS time."""
-        ...
 
     def close(self) -> None:
         """End the driver."""
-        ...

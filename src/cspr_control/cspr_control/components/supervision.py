@@ -79,7 +79,7 @@ class SupervisionComponent(Component):
         # The checks run less often than the bus; what arrives in between is replaced unread.
         self._arrived: dict[Topic, Callable[[], None]] = {}
         self._recorder_problem = ""
-        self._published_state: tuple[str, ...] = ()
+        self._published_state: tuple[object, ...] = ()
 
     def begin(self) -> Outputs:
         """Return the state in which the robot begins."""
@@ -197,12 +197,11 @@ class SupervisionComponent(Component):
     def _state_if_changed(self) -> Outputs:
         supervisor = self.supervisor
         cause = str(supervisor.fault) if supervisor.fault else ""
-        state = (supervisor.state.value, cause, supervisor.remark)
-        if state == self._published_state:
-            return NOTHING
-        self._published_state = state
-        level = Level.ERROR if supervisor.state is RobotState.FAULT else Level.OK
         values = {"cause": cause, "remark": supervisor.remark}
+        if (supervisor.state, values) == self._published_state:
+            return NOTHING
+        self._published_state = supervisor.state, values
+        level = Level.ERROR if supervisor.state is RobotState.FAULT else Level.OK
         return (Publication(ROBOT_STATE, self._status(level, supervisor.state.value, values)),)
 
     def status(self, now: float) -> Status:

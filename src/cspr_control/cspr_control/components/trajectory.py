@@ -14,15 +14,9 @@ from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import KinematicsError, Pose, Robot
+from cspr_msgs_py import topics
 from cspr_msgs_py.parameters.table import defaults
-from cspr_msgs_py.topics import (
-    MOTOR_STATES,
-    PLATFORM_POSE,
-    REFERENCE,
-    ROBOT_STATE,
-    TRAJECTORY_STATE,
-    Topic,
-)
+from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryName, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
@@ -66,10 +60,10 @@ class TrajectoryComponent(Component):
         Of the control cycle, s.
     """
 
-    inputs: ClassVar[tuple[Topic, ...]] = (MOTOR_STATES, PLATFORM_POSE, ROBOT_STATE)
+    inputs: ClassVar[tuple[Topic, ...]] = (topics.MOTOR_STATES, topics.PLATFORM_POSE, topics.ROBOT_STATE)
 
     def __init__(self, robot: Robot, settings: TrajectorySettings, period: float) -> None:
-        super().__init__("trajectory_publisher", REFERENCE, TRAJECTORY_STATE)
+        super().__init__("trajectory_publisher", topics.REFERENCE, topics.TRAJECTORY_STATE)
         self.player = TrajectoryPlayer(
             settings.options.limits, settings.dwell, settings.stop_time, settings.max_gap
         )
@@ -127,7 +121,9 @@ class TrajectoryComponent(Component):
             self._robot_state = RobotState(sample.message)
         except ValueError:
             self._robot_state = None
-            self.refuse(ROBOT_STATE, f"{ROBOT_STATE.name} carries an unknown state, {sample.message!r}")
+            self.refuse(
+                topics.ROBOT_STATE, f"{topics.ROBOT_STATE.name} carries an unknown state, {sample.message!r}"
+            )
         if self._robot_state not in FOLLOWING:
             self.player.stop()
         return NOTHING
@@ -138,7 +134,7 @@ class TrajectoryComponent(Component):
             try:
                 self.player.hold(Pose.from_quaternion(sample.position, sample.quaternion_xyzw))
             except KinematicsError as error:
-                self.refuse(PLATFORM_POSE, str(error))
+                self.refuse(topics.PLATFORM_POSE, str(error))
         return NOTHING
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
@@ -148,7 +144,7 @@ class TrajectoryComponent(Component):
         reference = self.player.sample(stamp)
         if reference is not None:
             self._references += 1
-            outputs.append(Publication(REFERENCE, self._sample(stamp, reference)))
+            outputs.append(Publication(topics.REFERENCE, self._sample(stamp, reference)))
         if state := self._state_if_changed():
             outputs += state
             if self.player.interruption:
@@ -171,23 +167,16 @@ class TrajectoryComponent(Component):
 
     def _state_if_changed(self) -> Outputs:
         player = self.player
-        state = (
-            player.phase,
-            player.trajectory_name,
-            player.start_time,
-            player.end_time,
-            player.interruption,
-        )
-        if state == self._published_state:
-            return NOTHING
-        self._published_state = state
         values = {
             "trajectory": player.trajectory_name,
             "start_time": player.start_time,
             "end_time": player.end_time,
             "interruption": player.interruption,
         }
-        return (Publication(TRAJECTORY_STATE, self._status(Level.OK, player.phase.value, values)),)
+        if (player.phase, values) == self._published_state:
+            return NOTHING
+        self._published_state = player.phase, values
+        return (Publication(topics.TRAJECTORY_STATE, self._status(Level.OK, player.phase.value, values)),)
 
     def status(self, now: float) -> Status:
         """Return the phase, and what the next start plays."""

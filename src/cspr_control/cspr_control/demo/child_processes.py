@@ -16,10 +16,9 @@ from cspr_control.errors import ControlError
 
 
 class ChildDiedError(ControlError):
-    """A process ended that should have gone on; carries its name, exit status and last words."""
+    """A process ended that should have gone on; says its name, exit status and last words."""
 
     def __init__(self, name: str, status: int, last_words: str, log: Path) -> None:
-        self.name, self.status, self.last_words, self.log = name, status, last_words, log
         words = last_words or "(it said nothing)"
         super().__init__(
             f"{name} ended with {_status_text(status)}; its last words (all of them: {log}):\n{words}"
@@ -79,10 +78,7 @@ class ChildProcesses:
     def check(self, names: Collection[str] | None = None) -> None:
         """Raise ChildDiedError if a child has ended; one of those named, where some are."""
         for name, child in self._children.items():
-            if names is not None and name not in names:
-                continue
-            status = child.poll()
-            if status is not None:
+            if (names is None or name in names) and (status := child.poll()) is not None:
                 raise ChildDiedError(name, status, self._last_words(name), self.log(name))
 
     def end(self) -> None:

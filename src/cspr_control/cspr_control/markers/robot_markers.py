@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,18 +84,9 @@ class Shape:
 def frame_shapes(robot: Robot) -> list[Shape]:
     """Return what does not move: the edges of the frame, which stands on the floor, and the exit points."""
     half = robot.frame_size / 2.0
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half + [
-        0.0,
-        0.0,
-        half[2],
-    ]
-    edges = [
-        (i, j)
-        for i in range(8)
-        for j in range(i + 1, 8)
-        if np.count_nonzero(np.abs(corners[i] - corners[j]) > 1e-9) == 1
-    ]
-    points = corners[[corner for edge in edges for corner in edge]]
+    signs = np.array(list(product((-1, 1), repeat=3)))
+    edges = [(i, j) for i, j in combinations(range(8), 2) if np.count_nonzero(signs[i] != signs[j]) == 1]
+    points = signs[np.ravel(edges)] * half + (0.0, 0.0, half[2])
     width, size = (FRAME_WIDTH,) * 3, (EXIT_SIZE,) * 3
     return [
         Shape("frame", ShapeKind.LINES, FRAME_COLOUR, width, points),

@@ -20,7 +20,7 @@ from cspr_control.nodes.parameters import Settings, changeable_settings, declare
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Robot
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.runtime.process import advertise, steady_timer, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer, subscribe_raw
 from cspr_msgs_py.topics import DIAGNOSTICS, JOINT_STATE, MULTI_DOF_TRAJECTORY, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import Bytes
@@ -194,6 +194,11 @@ class ComponentNode(Node):
     def make_safe(self) -> None:
         """Do what is left to be done before the node ends."""
         self.wiring.make_safe(self.component)
+
+
+def executable(create: Callable[[], Node]) -> Callable[[], int]:
+    """Return the ``main`` that runs one node until SIGINT or SIGTERM."""
+    return lambda: run_nodes(lambda: [create()])
 
 
 def _decoder(topic: Topic, number_of_motors: int) -> Callable[[Bytes], Any]:

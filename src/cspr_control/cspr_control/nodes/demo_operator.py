@@ -248,14 +248,10 @@ class Operator:
     def make_safe(self) -> None:
         """Close the brakes if the graph can still be reached; the processes close them on their own end as well."""
         with contextlib.suppress(KeyboardInterrupt, ControlError, OSError):  # the terminal may be gone
-            if self._client.robot_state in FOLLOWING:
-                future = self._client.trigger("/supervisor/stop")
+            client = self._client
+            if client.robot_state in FOLLOWING and client.trigger("/supervisor/stop") is not None:
                 deadline = time.monotonic() + 4.0
-                while (
-                    future is not None
-                    and self._client.robot_state != RobotState.DISABLED
-                    and time.monotonic() < deadline
-                ):
+                while client.robot_state != RobotState.DISABLED and time.monotonic() < deadline:
                     self._progress.show("stopping")
                     self._children.check(("control", "simulated_robot"))  # nobody else has a part in it
                     time.sleep(0.02)

@@ -7,11 +7,10 @@ from functools import partial
 from typing import Any
 
 from cspr_control.components.feedforward import FeedforwardComponent
-from cspr_control.nodes.component_node import ComponentNode
+from cspr_control.nodes.component_node import ComponentNode, executable
 from cspr_control.parameters.settings import feedforward_settings
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import run_nodes
 
 
 class FeedforwardNode(ComponentNode):
@@ -25,10 +24,7 @@ class FeedforwardNode(ComponentNode):
         self.connect(FeedforwardComponent(self.robot, settings))
 
 
-def main() -> int:
-    """Run the feed-forward."""
-    return run_nodes(lambda: [FeedforwardNode()])
-
+main = executable(FeedforwardNode)
 
 if __name__ == "__main__":
     sys.exit(main())

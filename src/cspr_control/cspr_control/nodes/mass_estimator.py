@@ -6,11 +6,10 @@ import sys
 from typing import Any
 
 from cspr_control.components.payload import PayloadComponent
-from cspr_control.nodes.component_node import ComponentNode
+from cspr_control.nodes.component_node import ComponentNode, executable
 from cspr_control.parameters.settings import estimator_settings
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import run_nodes
 
 
 class MassEstimatorNode(ComponentNode):
@@ -23,10 +22,7 @@ class MassEstimatorNode(ComponentNode):
         self.connect(PayloadComponent(self.robot, self.changeable(estimator_settings)))
 
 
-def main() -> int:
-    """Run the mass estimator."""
-    return run_nodes(lambda: [MassEstimatorNode()])
-
+main = executable(MassEstimatorNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,10 +6,9 @@ import sys
 from typing import Any
 
 from cspr_control.components.pose import PoseComponent
-from cspr_control.nodes.component_node import ComponentNode
+from cspr_control.nodes.component_node import ComponentNode, executable
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import run_nodes
 
 
 class PoseEstimatorNode(ComponentNode):
@@ -22,10 +21,7 @@ class PoseEstimatorNode(ComponentNode):
         self.connect(PoseComponent(self.robot, values["rate"], 1.0 / values["control_rate"]))
 
 
-def main() -> int:
-    """Run the pose estimator."""
-    return run_nodes(lambda: [PoseEstimatorNode()])
-
+main = executable(PoseEstimatorNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -39,6 +39,7 @@ from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
+from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import (
@@ -49,17 +50,7 @@ from cspr_msgs_py.runtime.process import (
     subscribe_raw,
     subscribe_samples,
 )
-from cspr_msgs_py.topics import (
-    BASE_FRAME,
-    CABLE_TENSIONS,
-    PAYLOAD,
-    PLATFORM_POSE,
-    REFERENCE,
-    ROBOT_MARKERS,
-    TRAJECTORY_STATE,
-    Topic,
-    cable_names,
-)
+from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Level, TrajectoryName
 from cspr_msgs_py.wire.conversion import decode_joint_state, decode_reference
 from cspr_msgs_py.wire.joint_state import JointStateCodec
@@ -88,7 +79,7 @@ class RobotMarkers(Node):
         warm_up(self._robot)
         trail = declare_all(self)["trail"]
         self._tensions_codec = JointStateCodec(
-            cable_names(self._robot.number_of_cables), position=False, velocity=False
+            topics.cable_names(self._robot.number_of_cables), position=False, velocity=False
         )
         self._reference_codec = ReferenceCodec()
         self._newest: dict[Topic, tuple[float, Any]] = {}  # with the time of arrival
@@ -97,12 +88,12 @@ class RobotMarkers(Node):
         self._trajectory: Marker | None = None
         self._frame = [_marker(shape) for shape in frame_shapes(self._robot)]
         self._problem = ""
-        self._publisher = advertise(self, ROBOT_MARKERS)
-        subscribe_samples(self, PLATFORM_POSE, self._on_pose)
-        subscribe_samples(self, PAYLOAD, self._on_payload)
-        subscribe_samples(self, TRAJECTORY_STATE, self._on_trajectory_state)
+        self._publisher = advertise(self, topics.ROBOT_MARKERS)
+        subscribe_samples(self, topics.PLATFORM_POSE, self._on_pose)
+        subscribe_samples(self, topics.PAYLOAD, self._on_payload)
+        subscribe_samples(self, topics.TRAJECTORY_STATE, self._on_trajectory_state)
         # decoded ten times a second, not each time that one arrives
-        for topic in (CABLE_TENSIONS, REFERENCE):
+        for topic in (topics.CABLE_TENSIONS, topics.REFERENCE):
             subscribe_raw(self, topic, partial(self._keep, topic))
         self._diagnostics = Diagnostics(self, self._status)
         self._timer = steady_timer(self, _PERIOD, self._publish)
@@ -110,13 +101,16 @@ class RobotMarkers(Node):
     def _on_pose(self, sample: PoseSample) -> None:
         try:
             pose = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
-            self._keep(PLATFORM_POSE, (sample.stamp_ns, pose))
+            self._keep(topics.PLATFORM_POSE, (sample.stamp_ns, pose))
         except KinematicsError as error:
             self._problem = str(error)
 
     def _on_payload(self, sample: InertiaSample) -> None:
         try:
-            self._keep(PAYLOAD, checked_payload(PAYLOAD.name, sample.mass, sample.center_of_mass, np.inf))
+            self._keep(
+                topics.PAYLOAD,
+                checked_payload(topics.PAYLOAD.name, sample.mass, sample.center_of_mass, np.inf),
+            )
         except PayloadError as error:
             self._problem = str(error)
 
@@ -150,7 +144,7 @@ class RobotMarkers(Node):
         if self._trajectory is not None:
             markers.append(self._trajectory)
         stamp = time.time_ns()
-        if (known := self._recent(PLATFORM_POSE)) is not None:
+        if (known := self._recent(topics.PLATFORM_POSE)) is not None:
             stamp, pose = known
             self._path.append(pose.position)
             try:
@@ -167,12 +161,12 @@ class RobotMarkers(Node):
     def _shapes(self, pose: Pose) -> list[Shape]:
         robot, tensions = self._robot, None
         shapes = [platform_shape(robot, pose)]
-        if (message := self._recent(CABLE_TENSIONS)) is not None:
+        if (message := self._recent(topics.CABLE_TENSIONS)) is not None:
             tensions = decode_joint_state(self._tensions_codec, message).effort
         shapes.append(cable_shape(robot, pose, tensions))
-        if (payload := self._recent(PAYLOAD)) is not None:
+        if (payload := self._recent(topics.PAYLOAD)) is not None:
             shapes += payload_shapes(pose, payload)
-        if (message := self._recent(REFERENCE)) is not None:
+        if (message := self._recent(topics.REFERENCE)) is not None:
             sample = decode_reference(self._reference_codec, message)
             reference = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
             shapes.append(reference_shape(robot, reference))
@@ -181,7 +175,7 @@ class RobotMarkers(Node):
         return shapes
 
     def _status(self) -> list[Status]:
-        known = self._recent(PLATFORM_POSE) is not None
+        known = self._recent(topics.PLATFORM_POSE) is not None
         level, text = (Level.OK, "showing the robot") if known else (Level.STALE, "no platform pose")
         return [Status.of(self.get_name(), level, text, {"last_problem": self._problem})]
 
@@ -189,7 +183,7 @@ class RobotMarkers(Node):
 def _marker(shape: Shape) -> Marker:
     """Return a shape as a message, its stamp still to be set."""
     marker = Marker(ns=shape.name, id=0, type=_KINDS[shape.kind], action=Marker.ADD)
-    marker.header.frame_id = BASE_FRAME
+    marker.header.frame_id = topics.BASE_FRAME
     marker.lifetime = Duration(seconds=_LIFETIME).to_msg()
     marker.scale.x, marker.scale.y, marker.scale.z = shape.size
     marker.color = _colour(*shape.colour)

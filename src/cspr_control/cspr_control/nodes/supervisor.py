@@ -6,10 +6,9 @@ import sys
 from typing import Any
 
 from cspr_control.components.supervision import SupervisionComponent
-from cspr_control.nodes.component_node import ComponentNode
+from cspr_control.nodes.component_node import ComponentNode, executable
 from cspr_control.parameters.settings import supervision_limits
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import run_nodes
 
 
 class SupervisorNode(ComponentNode):
@@ -21,10 +20,7 @@ class SupervisorNode(ComponentNode):
         self.connect(SupervisionComponent(self.robot.number_of_cables, limits))
 
 
-def main() -> int:
-    """Run the supervisor."""
-    return run_nodes(lambda: [SupervisorNode()])
-
+main = executable(SupervisorNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,10 +7,9 @@ from functools import partial
 from typing import Any
 
 from cspr_control.components.trajectory import TrajectoryComponent
-from cspr_control.nodes.component_node import ComponentNode
+from cspr_control.nodes.component_node import ComponentNode, executable
 from cspr_control.parameters.settings import trajectory_settings
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import run_nodes
 
 
 class TrajectoryPublisher(ComponentNode):
@@ -24,10 +23,7 @@ class TrajectoryPublisher(ComponentNode):
         self.connect(TrajectoryComponent(self.robot, settings, 1.0 / values["control_rate"]))
 
 
-def main() -> int:
-    """Run the trajectory publisher."""
-    return run_nodes(lambda: [TrajectoryPublisher()])
-
+main = executable(TrajectoryPublisher)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -43,18 +43,13 @@ def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> Fe
         raise SettingError(
             f"tension_method is {values['tension_method']!r}; for this robot there are {', '.join(methods)}"
         )
-    limit = values["max_payload"]
-    return FeedforwardSettings(
-        model=FeedforwardModel(values["model"]),
-        payload_source=PayloadSource(values["payload_source"]),
-        nominal_payload=checked_payload(
-            "nominal payload", values["nominal_payload_mass"], values["nominal_payload_center"], limit
-        ),
-        max_payload=limit,
-        payload_timeout=values["payload_timeout"],
-        switch_slew=values["switch_slew"],
-        tension_method=values["tension_method"],
-    )
+    mass, center = values["nominal_payload_mass"], values["nominal_payload_center"]
+    converted = {
+        "model": FeedforwardModel(values["model"]),
+        "payload_source": PayloadSource(values["payload_source"]),
+        "nominal_payload": checked_payload("nominal payload", mass, center, values["max_payload"]),
+    }
+    return _of(FeedforwardSettings, {**values, **converted})
 
 
 def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySettings:

@@ -134,21 +134,17 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     controllers.add_argument(
         "--compare", action="store_true", help="run all controllers and compare them in one table"
     )
-    parser.add_argument(
-        "--realtime", action="store_true", help="SCHED_FIFO for control and drivers (needs the privilege)"
-    )
-    parser.add_argument(
+    add = parser.add_argument
+    add("--realtime", action="store_true", help="SCHED_FIFO for control and drivers (needs the privilege)")
+    add(
         "--speed", type=number("a number from 0.1 to 1", 0.1, 1.0), default=1.0, metavar="FACTOR",
         help="pace of the simulated machine, 0.1 to 1, for a computer that is too slow for it; default: %(default)s",
     )  # fmt: skip
-    parser.add_argument(
-        "--markers",
-        action="store_true",
+    add(
+        "--markers", action="store_true",
         help="also publish /robot_markers, for RViz and Foxglove (config/views)",
-    )
-    parser.add_argument(
-        "--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s"
-    )
+    )  # fmt: skip
+    add("--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s")
     options = parser.parse_args(arguments)
     if options.exact_mass and Controller(options.controller).model is FeedforwardModel.NONE:
         parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
@@ -199,26 +195,21 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
-    recording = [
-        "--ros-args",
-        *ros_parameter("output", str(directory / "bag")),
-        *ros_parameter("attach", attached),
-    ]
-    recording += recorder_cpu
-    controlling = ros_arguments(config) + scenario.control_arguments() + control_cpu
-    simulating = ros_arguments(config) + scenario.robot_arguments() + robot_cpu
+    output = ros_parameter("output", str(directory / "bag"))
+    started = {
+        "recorder": ["--ros-args", *output, *ros_parameter("attach", attached), *recorder_cpu],
+        "simulated_robot": ros_arguments(config) + scenario.robot_arguments() + robot_cpu,
+        "control": ros_arguments(config) + scenario.control_arguments() + control_cpu,
+    }
+    if markers:
+        started["robot_markers"] = ros_arguments(config) + recorder_cpu
 
     with ChildProcesses(directory / "log") as children, demo_client() as client:
         progress = Progress(scenario.label, client)
         run = Operator(client, children, progress, scenario.speed)
         try:
-            children.start("recorder", PACKAGES["recorder"], recording)
-            children.start("simulated_robot", PACKAGES["simulated_robot"], simulating)
-            children.start("control", PACKAGES["control"], controlling)
-            if markers:
-                children.start(
-                    "robot_markers", PACKAGES["robot_markers"], ros_arguments(config) + recorder_cpu
-                )
+            for name, arguments in started.items():
+                children.start(name, PACKAGES[name], arguments)
             run.wait("starting", lambda: not client.missing, 120.0, lambda: client.missing)
             run.enable(30.0)
             run.pause("measuring the load", 2.0)

@@ -88,14 +88,14 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
         warm_up(recording.robot)
         payloads, payload_comparison, recorded_values = None, None, {}
         if "mass_estimator" in options.nodes:
-            payloads, payload_comparison, values = _estimate(recording, changes["mass_estimator"])
-            recorded_values["mass_estimator"] = values
+            payloads, payload_comparison, recorded_values["mass_estimator"] = _estimate(
+                recording, changes["mass_estimator"]
+            )
         setpoints, setpoint_comparison = None, None
         if "feedforward" in options.nodes:
-            setpoints, setpoint_comparison, values = _answer(
+            setpoints, setpoint_comparison, recorded_values["feedforward"] = _answer(
                 recording, changes["feedforward"], payloads, options.payload
             )
-            recorded_values["feedforward"] = values
     parameters = {
         f"{node}.{name}": {"recorded": recorded_values[node][name], "rerun": value}
         for node, values in changes.items()

@@ -88,11 +88,8 @@ def _check_positions(options: argparse.Namespace, robot: Robot) -> None:
     upper = np.asarray(robot.workspace_max if options.upper is None else options.upper)
     for position in options.at or []:
         if not (np.all(lower <= position) and np.all(position <= upper)):
-            raise InvalidInputError(
-                "--at",
-                position,
-                f"outside the grid, {lower.tolist()} to {upper.tolist()}; see --lower, --upper",
-            )
+            grid = f"the grid, {lower.tolist()} to {upper.tolist()}"
+            raise InvalidInputError("--at", position, f"outside {grid}; see --lower, --upper")
 
 
 def _numbers_of(robot: Robot, task: Task, workspace: Workspace, orientations: int) -> dict[str, Any]:
@@ -159,10 +156,8 @@ def _format_task(task: Task) -> str:
 def _format_position(workspace: Workspace, position: Sequence[float]) -> str:
     margin, distance = float(workspace.margin_at(position)), float(workspace.distance_to_boundary(position))
     side = "inside" if margin >= 0.0 else "outside"
-    return (
-        f"  at ({_numbers(position)})".ljust(24)
-        + f"margin {margin:.1f} N, {abs(distance):.3f} m {side} the border"
-    )
+    place = f"  at ({_numbers(position)})"
+    return f"{place:<24}margin {margin:.1f} N, {abs(distance):.3f} m {side} the border"
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> str:

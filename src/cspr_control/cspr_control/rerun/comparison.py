@@ -12,8 +12,6 @@ from cspr_control.analysis.numbers.mass import MassTrace, settling_time
 from cspr_control.rerun.rerun import EstimatedPayloads
 from cspr_msgs_py.bag.reader import Inertias, JointStates
 
-_EXACT = 0.0
-
 
 @dataclass(frozen=True)
 class Difference:
@@ -25,9 +23,8 @@ class Difference:
     @staticmethod
     def of(values: NDArray[np.float64]) -> Difference:
         """Return the size of some differences."""
-        if values.size == 0:
-            return Difference(0.0, 0.0)
-        return Difference(float(np.abs(values).max()), float(np.sqrt((values**2).mean())))
+        rms = np.sqrt((values**2).sum() / max(values.size, 1))
+        return Difference(float(np.abs(values).max(initial=0.0)), float(rms))
 
 
 @dataclass(frozen=True)
@@ -130,7 +127,7 @@ def compare_setpoints(rerun: JointStates, recorded: JointStates | None) -> Setpo
     }
     different = np.zeros(len(stamps), dtype=bool)
     for values in differences.values():
-        different |= (values != _EXACT).any(axis=1)
+        different |= (values != 0.0).any(axis=1)
     last = int(np.flatnonzero(different)[-1]) + 1 if different.any() else 0
     after = None if last >= len(stamps) else float((stamps[last] - stamps[0]) * 1e-9)
     return SetpointComparison(

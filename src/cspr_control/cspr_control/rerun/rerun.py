@@ -42,10 +42,6 @@ _SECOND = 1e-9  # s in a nanosecond
 _PERIOD = round(UPDATE_PERIOD * 1e9)  # ns
 
 
-def _silent(share: float) -> None:
-    """Show no progress."""
-
-
 @dataclass(frozen=True)
 class EstimatedPayloads(Inertias):
     """Published estimates; `update` is the index of the update that each came of, shape (n,)."""
@@ -101,7 +97,7 @@ def rerun_estimator(
     updates: Sequence[int],
     initial: Payload | None = None,
     first: int = 0,
-    progress: Progress = _silent,
+    progress: Progress = lambda share: None,
 ) -> EstimatedPayloads:
     """Estimate the payload from recorded tensions and poses.
 
@@ -159,7 +155,7 @@ def rerun_feedforward(
     references: References,
     payloads: Inertias | None,
     initial: Payload | None = None,
-    progress: Progress = _silent,
+    progress: Progress = lambda share: None,
 ) -> JointStates:
     """Answer recorded references with set-points; each is published when its reference has arrived.
 

@@ -285,9 +285,8 @@ class SupervisionChecks:
                 f"{torque_tensions[cable]:.0f} N; difference allowed {limits.tension_difference:g} N"
             )
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
-        fresh = (
-            self.age(MonitoredInput.CABLE_TENSIONS, time) <= limits.max_ages[MonitoredInput.CABLE_TENSIONS]
-        )
+        source = MonitoredInput.CABLE_TENSIONS
+        fresh = self.age(source, time) <= limits.max_ages[source]
         still = time - self._tensions_changed
         cable = int(still.argmax())
         if fresh and math.isfinite(still[cable]) and still[cable] > limits.stuck_time:
@@ -315,19 +314,19 @@ class SupervisionChecks:
 
     def obstacle(self, time: float) -> str | None:
         """Return why the robot must not be enabled now; None when nothing speaks against it."""
+        limits = self._limits
         if stale := self.stale(time):
             return str(stale[0])
         errors = self.following_errors()
         worst = int(np.abs(errors).argmax())
-        if not abs(errors[worst]) <= self._limits.starting_error:
+        if not abs(errors[worst]) <= limits.starting_error:
             return (
                 f"motor_{worst + 1} is {errors[worst]:.2f} rad away from its set-point, "
-                f"limit {self._limits.starting_error:g} rad: wind the cables so that all of them are taut"
+                f"limit {limits.starting_error:g} rad: wind the cables so that all of them are taut"
             )
         highest = int(self._tensions.argmax())
-        if not self._tensions[highest] <= self._limits.tension_max:
+        if not self._tensions[highest] <= limits.tension_max:
             return (
-                f"cable_{highest + 1} carries {self._tensions[highest]:.0f} N, "
-                f"limit {self._limits.tension_max:g} N"
+                f"cable_{highest + 1} carries {self._tensions[highest]:.0f} N, limit {limits.tension_max:g} N"
             )
         return None

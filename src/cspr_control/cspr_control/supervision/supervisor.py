@@ -93,8 +93,7 @@ class Supervisor:
         if obstacle is None and self._load_cell_problem:
             obstacle = f"load cells: {self._load_cell_problem}"
         if obstacle is None and self._drives is not DriverState.DISABLED:
-            known = self._drives.value if self._drives else "unknown"
-            obstacle = f"the drives are in state {known}{self._because()}"
+            obstacle = self._drives_are()
         if obstacle is None and not self._phase.at_rest:
             obstacle = f"the trajectory is in phase {self._phase.value}"
         if obstacle is not None:
@@ -185,18 +184,13 @@ class Supervisor:
 
     def _find_fault(self, time: float) -> Fault | None:
         if self._drives is DriverState.FAULT:
-            return Fault(
-                FaultKind.DRIVE_FAULT, self._drives_cause or "reported by the driver without a cause"
-            )
+            cause = self._drives_cause or "reported by the driver without a cause"
+            return Fault(FaultKind.DRIVE_FAULT, cause)
         if self.state is RobotState.DISABLED:
-            if self._drives is DriverState.ENABLED:
-                return Fault(
-                    FaultKind.DRIVE_STATE, "the drives are enabled although nobody enabled the robot"
-                )
-            return None
-        following = self.state is RobotState.ENABLED or (
-            self.state is RobotState.STOPPING and not self._disabling
-        )
+            unasked = Fault(FaultKind.DRIVE_STATE, "the drives are enabled although nobody enabled the robot")
+            return unasked if self._drives is DriverState.ENABLED else None
+        stopping = self.state is RobotState.STOPPING and not self._disabling
+        following = self.state is RobotState.ENABLED or stopping
         faults = self.checks.stale(time) + self.checks.excess(time, following)
         urgent = next((fault for fault in faults if not fault.controlled), None)
         urgent = urgent or self._find_drive_fault(time)
@@ -222,17 +216,14 @@ class Supervisor:
 
     def _find_drive_fault(self, time: float) -> Fault | None:
         elapsed, limits = time - self._since, self._limits
-        drives = self._drives.value if self._drives else "unknown"
         if self.state is RobotState.ENABLED and self._drives is not DriverState.ENABLED:
-            return Fault(
-                FaultKind.DRIVE_STATE, f"the drives went to state {drives} by themselves{self._because()}"
-            )
+            return Fault(FaultKind.DRIVE_STATE, self._drives_are(" by themselves", "went to"))
         if self.state is RobotState.ENABLING and elapsed > limits.enable_timeout:
-            detail = f"the drives are in state {drives} {limits.enable_timeout:g} s after they were enabled"
-            return Fault(FaultKind.TIMEOUT, detail + self._because())
+            late = f" {limits.enable_timeout:g} s after they were enabled"
+            return Fault(FaultKind.TIMEOUT, self._drives_are(late))
         if self.state is RobotState.STOPPING and self._disabling and elapsed > limits.drive_timeout:
-            detail = f"the drives are in state {drives} {limits.drive_timeout:g} s after they were disabled"
-            return Fault(FaultKind.TIMEOUT, detail + self._because())
+            late = f" {limits.drive_timeout:g} s after they were disabled"
+            return Fault(FaultKind.TIMEOUT, self._drives_are(late))
         return None
 
     def _update_stopping(self, time: float) -> None:
@@ -255,10 +246,7 @@ class Supervisor:
             self._enter(RobotState.DISABLED, time)
         elif self._resetting and time - self._since > self._limits.drive_timeout:
             self._resetting = False
-            known = self._drives.value if self._drives else "unknown"
-            self.fault = Fault(
-                FaultKind.DRIVE_FAULT, f"the drives are in state {known} after the reset{self._because()}"
-            )
+            self.fault = Fault(FaultKind.DRIVE_FAULT, self._drives_are(" after the reset"))
 
     def _fail(self, time: float, fault: Fault) -> None:
         # A stop along the path that fails on the way keeps the cause that it began with, and names the second one too:
@@ -279,5 +267,7 @@ class Supervisor:
         self._since = time
         self._resetting = False
 
-    def _because(self) -> str:
-        return f" ({self._drives_cause})" if self._drives_cause else ""
+    def _drives_are(self, when: str = "", verb: str = "are in") -> str:
+        state = self._drives.value if self._drives else "unknown"
+        cause = f" ({self._drives_cause})" if self._drives_cause else ""
+        return f"the drives {verb} state {state}{when}{cause}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sized
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,11 +91,18 @@ def home_lengths(
     Raises
     ------
     InvalidInputError
-        If the points do not match each other or the pulleys, home is a batch, or a cable has no path there.
+        If there are fewer than 6 cables, the points do not match each other or the pulleys, home is a batch, or a
+        cable has no path there.
     """
     exits = checked_points("exit_points", exit_points)
     anchors = checked_points("anchor_points", anchor_points)
-    check_cables(exits, anchors)
+    m = len(exits)
+    if m < MINIMUM_CABLES:
+        raise InvalidInputError(
+            "exit_points", exits, f"{m} cables; six degrees of freedom need at least {MINIMUM_CABLES}"
+        )
+    if len(anchors) != m:
+        raise InvalidInputError("anchor_points", anchors, f"{len(anchors)} anchor points for {m} exit points")
     if home.batch_shape:
         raise InvalidInputError("home", home.position, "must be a single pose")
     geometry = path_geometry(exits, anchors, Pulleys.none() if pulleys is None else pulleys)
@@ -120,25 +126,3 @@ def checked_points(name: str, value: ArrayLike) -> FloatArray:
     if points.ndim != 2:
         raise InvalidInputError(name, value, f"shape {points.shape} where (m, 3) is needed")
     return frozen(points)
-
-
-def check_cables(exit_points: Sized, anchor_points: Sized) -> None:
-    """Raise an error if there are too few points (m, 3), or not as many of one kind as of the other.
-
-    Raises
-    ------
-    InvalidInputError
-        With fewer than 6 cables, or not as many anchor points as exit points.
-    """
-    if len(exit_points) < MINIMUM_CABLES:
-        raise InvalidInputError(
-            "exit_points",
-            exit_points,
-            f"{len(exit_points)} cables; six degrees of freedom need at least {MINIMUM_CABLES}",
-        )
-    if len(anchor_points) != len(exit_points):
-        raise InvalidInputError(
-            "anchor_points",
-            anchor_points,
-            f"{len(anchor_points)} anchor points for {len(exit_points)} exit points",
-        )

@@ -21,7 +21,7 @@ from cspr_kinematics.configuration.structure import located
 from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.motion.pose import Pose
-from cspr_kinematics.robot.cable_paths import check_cables, checked_points, home_lengths, path_geometry
+from cspr_kinematics.robot.cable_paths import checked_points, home_lengths, path_geometry
 from cspr_kinematics.robot.pulleys import Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
 from cspr_kinematics.robot.robot_description import robot_parts
@@ -89,7 +89,6 @@ class Robot(ReadOnlyArrays):
     def __post_init__(self) -> None:
         exits = checked_points("exit_points", self.exit_points)
         anchors = checked_points("anchor_points", self.anchor_points)
-        check_cables(exits, anchors)
         self._set(exit_points=exits, anchor_points=anchors)
         for name in ("frame_size", "platform_size", "workspace_min", "workspace_max", "trajectory_center"):
             self._set(**{name: single(name, getattr(self, name), 3)})

@@ -16,7 +16,7 @@ from cspr_kinematics.configuration.structure import (
     structured,
 )
 from cspr_kinematics.motion.pose import Pose
-from cspr_kinematics.robot.cable_paths import check_cables, home_lengths
+from cspr_kinematics.robot.cable_paths import home_lengths
 from cspr_kinematics.robot.pulleys import UPWARDS, Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
 from cspr_kinematics.robot.winch import Motor, Winch
@@ -108,8 +108,6 @@ def robot_parts(mapping: object, source: str) -> dict[str, Any]:
     file = structured(RobotDescription, mapping, source)
     exit_points, anchor_points = file.exit_points, file.anchor_points
     home = Pose.from_euler(file.home.position, *file.home.euler)
-    with located(source):
-        check_cables(exit_points, anchor_points)
     pulleys = Pulleys.none()
     if file.pulleys is not None:
         pulleys = file.pulleys.pulleys(len(exit_points), source, "pulleys")

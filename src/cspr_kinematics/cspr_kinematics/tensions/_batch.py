@@ -90,7 +90,7 @@ def distribute_batch(
             status[k] = EXACT if null_space_kernel(a, b, t, basis) else SINGULAR
             steps[k] = 0
         else:
-            status[k], _, steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
+            status[k], steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
             if status[k] == EXACT and method == CENTROID:
                 steps[k] += centroid_kernel(a, b, low, high, t)
             elif status[k] == EXACT and method == ANALYTIC_CENTER:

@@ -59,7 +59,7 @@ def bounded_tensions_kernel(
     t_reference: FloatArray,
     weights: FloatArray,
     tensions: FloatArray,
-) -> tuple[int, float, int]:
+) -> tuple[int, int]:
     """Write the feasible tensions nearest to the reference; without any, those of least weighted error.
 
     Parameters
@@ -80,8 +80,6 @@ def bounded_tensions_kernel(
     -------
     status : int
         A `TensionStatus` or SINGULAR.
-    residual : float
-        |A t - w|; N and N m count alike.
     steps : int
         Steps of the solvers; at most 20 m in all.
     """
@@ -91,7 +89,7 @@ def bounded_tensions_kernel(
     particular = np.empty(m)
     N = np.empty((m, r))
     if not null_space_kernel(A, w, particular, N):
-        return SINGULAR, np.inf, steps
+        return SINGULAR, steps
     found = True
     x = np.zeros(r)
     for k in range(r):
@@ -112,16 +110,13 @@ def bounded_tensions_kernel(
             found = outcome == FOUND
         if found:
             _tensions_at(particular, N, x, t_min, t_max, tensions)
-    if found:
-        residual = residual_kernel(A, w, tensions)
-        if residual <= reached_kernel(w):
-            return EXACT, residual, steps
+    if found and residual_kernel(A, w, tensions) <= reached_kernel(w):
+        return EXACT, steps
     converged, more = bounded_least_squares_kernel(A, w, t_min, t_max, t_reference, weights, tensions)
     steps += more
-    residual = residual_kernel(A, w, tensions)
-    if residual <= reached_kernel(w):
-        return EXACT, residual, steps
-    return (INFEASIBLE if converged else ITERATION_LIMIT), residual, steps
+    if residual_kernel(A, w, tensions) <= reached_kernel(w):
+        return EXACT, steps
+    return (INFEASIBLE if converged else ITERATION_LIMIT), steps
 
 
 @kernel

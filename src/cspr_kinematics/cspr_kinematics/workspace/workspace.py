@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -97,17 +96,10 @@ class Workspace(ReadOnlyArrays):
             raise InvalidInputError(
                 "position", position, f"outside the grid, {low.tolist()} to {high.tolist()}"
             )
-        cells, shares = [], []
-        for k, axis in enumerate((self.x, self.y, self.z)):
-            cell = np.clip(np.searchsorted(axis, points[..., k], side="right") - 1, 0, len(axis) - 2)
-            cells.append(cell)
-            shares.append((points[..., k] - axis[cell]) / (axis[cell + 1] - axis[cell]))
-        margin = np.zeros(points.shape[:-1])
-        for corner in itertools.product((0, 1), repeat=3):
-            weight = np.prod([s if c else 1.0 - s for c, s in zip(corner, shares, strict=True)], axis=0)
-            place = tuple(cell + c for cell, c in zip(cells, corner, strict=True))
-            margin += weight * self._finite_margin[place]
-        return margin
+        from scipy.interpolate import RegularGridInterpolator  # here, because its import takes long
+
+        margin = RegularGridInterpolator((self.x, self.y, self.z), self._finite_margin)(points)
+        return np.asarray(margin).reshape(points.shape[:-1])
 
     def distance_to_boundary(self, position: ArrayLike) -> FloatArray:
         """Return how far positions (..., 3) are from the border of the workspace, shape (...), m.

@@ -11,7 +11,6 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -121,7 +120,7 @@ class Recorder(Node):
                 continue
             if name not in self._recorded if self._recorded else topic_or_service_is_hidden(name):
                 continue
-            offered = self._offered(name)
+            offered = [publisher.qos_profile for publisher in self.get_publishers_info_by_topic(name)]
             if not offered:  # its quality of service is not known yet
                 continue
             if len(types) > 1:
@@ -133,9 +132,6 @@ class Recorder(Node):
             except MessageError as error:
                 self._refused.add(name)
                 self.get_logger().warning(f"{name} is not recorded: {error}")
-
-    def _offered(self, name: str) -> list[QoSProfile]:
-        return [publisher.qos_profile for publisher in self.get_publishers_info_by_topic(name)]
 
     def _describe(self, name: str, type_name: str) -> RecordedTopic:
         """Return what the bag says about a topic: what its publishers offer, and what the table has about it."""

@@ -26,7 +26,6 @@ from rclpy.utilities import remove_ros_args
 from cspr_msgs_py.errors import MessageError, ParameterError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.parameters.file import check_arguments
-from cspr_msgs_py.parameters.row import NodeParameter
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.parameters import declare
@@ -34,18 +33,6 @@ from cspr_msgs_py.runtime.scheduling import set_cpu, set_realtime_priority
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 from cspr_msgs_py.wire.samples import Status, StatusArray
 from cspr_msgs_py.wire.topic_codecs import topic_codec
-
-__all__ = [
-    "LEAN_NODE",
-    "Diagnostics",
-    "advertise",
-    "run_nodes",
-    "sample_publisher",
-    "steady_timer",
-    "subscribe",
-    "subscribe_raw",
-    "subscribe_samples",
-]
 
 LEAN_NODE: Final = {"enable_rosout": False, "start_parameter_services": False}
 """Keyword arguments of :class:`rclpy.node.Node` for nodes of which a process or a graph has many."""
@@ -127,17 +114,13 @@ class _Stop:
     Parameters
     ----------
     wake_up
-        Lets another thread than the main one call `request`.
+        Lets another thread than the main one set the future.
     """
 
     def __init__(self, wake_up: Callable[[], None]) -> None:
         self.future = Future()
         self.armed = False  # whether nodes are there to be made safe; before, a signal interrupts the start
         self._wake_up = wake_up
-
-    def request(self) -> None:
-        if not self.future.done():
-            self.future.set_result(None)
 
     def on_signal(self, number: int, frame: object) -> None:
         # The main thread may be interrupted in the middle of a method of the future, with the future's lock held:
@@ -168,8 +151,8 @@ def _stop_on_signal() -> Iterator[_Stop]:
 
     def wait() -> None:
         while os.read(reading, 1) != b"":
-            if stop.armed:
-                stop.request()
+            if stop.armed and not stop.future.done():
+                stop.future.set_result(None)
 
     watcher = threading.Thread(target=wait, name="signals", daemon=True)
     watcher.start()
@@ -212,27 +195,20 @@ def _spin(nodes: Sequence[Node], stop: Future) -> None:
 
 
 def _set_scheduling(nodes: Sequence[Node], realtime: bool) -> None:
-    cpu = _largest(nodes, CPU)
+    # Parameters of the whole process: each of its nodes has them, the largest value counts.
+    cpu = max(declare(node, CPU) for node in nodes)
     refusals = [set_cpu(cpu)] if cpu >= 0 else []
     if realtime:
-        priority = _largest(nodes, REALTIME_PRIORITY)
+        priority = max(declare(node, REALTIME_PRIORITY) for node in nodes)
         refusals += [set_realtime_priority(priority)] if priority > 0 else []
     for refusal in refusals:
         if refusal is not None:
             nodes[0].get_logger().warning(refusal)
 
 
-def _largest(nodes: Sequence[Node], row: NodeParameter) -> int:
-    """Declare a parameter of the whole process on each of its nodes; return the largest value."""
-    return max(declare(node, row) for node in nodes)
-
-
 def _make_safe(node: Node) -> int:
-    make_safe = getattr(node, "make_safe", None)
-    if make_safe is None:
-        return 0
     try:
-        make_safe()
+        getattr(node, "make_safe", lambda: None)()
     except Exception as error:  # the other nodes must be made safe whatever happens to this one
         return _report(node.get_name(), error)
     return 0

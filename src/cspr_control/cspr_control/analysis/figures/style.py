@@ -79,10 +79,8 @@ _STYLE: Final[Mapping[str, Any]] = {
 @contextmanager
 def house_style() -> Iterator[None]:
     """Draw and store figures in this style inside the block."""
-    parameters: dict[Any, Any] = {
-        **matplotlib.rcParamsDefault,
-        **_STYLE,
-    }  # whatever the user's own settings are
+    # whatever the user's own settings are
+    parameters: dict[Any, Any] = {**matplotlib.rcParamsDefault, **_STYLE}
     with matplotlib.rc_context(parameters):
         yield
 

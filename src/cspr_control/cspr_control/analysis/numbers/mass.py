@@ -22,6 +22,11 @@ class MassTrace:
     stamp_ns: NDArray[np.int64]
     mass: NDArray[np.float64]
 
+    def between(self, start: int, end: int) -> MassTrace:
+        """Return the part from one stamp on and before another, ns."""
+        part = (self.stamp_ns >= start) & (self.stamp_ns < end)
+        return MassTrace(self.stamp_ns[part], self.mass[part])
+
 
 @dataclass(frozen=True)
 class MassChange:
@@ -165,18 +170,8 @@ def _changes(estimate: MassTrace, truth: MassTrace, origin_ns: int) -> tuple[Mas
     ends = [*truth.stamp_ns[places[1:]].tolist(), int(estimate.stamp_ns[-1]) + 1]
     changes = []
     for place, end in zip(places.tolist(), ends, strict=True):
-        part = (estimate.stamp_ns >= truth.stamp_ns[place - 1]) & (estimate.stamp_ns < end)
-        true_part = (truth.stamp_ns >= truth.stamp_ns[place - 1]) & (truth.stamp_ns < end)
-        settling = settling_time(
-            MassTrace(estimate.stamp_ns[part], estimate.mass[part]),
-            MassTrace(truth.stamp_ns[true_part], truth.mass[true_part]),
-        )
-        changes.append(
-            MassChange(
-                float((truth.stamp_ns[place] - origin_ns) * 1e-9),
-                float(truth.mass[place - 1]),
-                float(truth.mass[place]),
-                settling,
-            )
-        )
+        start = int(truth.stamp_ns[place - 1])
+        settling = settling_time(estimate.between(start, end), truth.between(start, end))
+        time = float((truth.stamp_ns[place] - origin_ns) * 1e-9)
+        changes.append(MassChange(time, float(truth.mass[place - 1]), float(truth.mass[place]), settling))
     return tuple(changes)

@@ -207,11 +207,10 @@ def _margins(recording: Recording, inside: NDArray[np.bool_]) -> dict[str, Margi
         position, at = poses.position[counted], recording.seconds(poses.time_ns[counted])
         inside = np.minimum(position - robot.workspace_min, robot.workspace_max - position)
         if inside.size:
-            nearest = int(inside.min(axis=1).argmin())
-            axis = int(inside[nearest].argmin())
-            low = position[nearest, axis] - robot.workspace_min[axis] <= inside[nearest, axis]
+            place = nearest, axis = np.unravel_index(int(inside.argmin()), inside.shape)
+            low = position[place] - robot.workspace_min[axis] <= inside[place]
             bound = (robot.workspace_min if low else robot.workspace_max)[axis]
-            margins["workspace_m"] = Margin(float(inside[nearest, axis]), float(bound), 0, float(at[nearest]))
+            margins["workspace_m"] = Margin(float(inside[place]), float(bound), 0, float(at[nearest]))
     return margins
 
 

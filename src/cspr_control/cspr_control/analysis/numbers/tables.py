@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 from cspr_control.analysis.figures.style import controller_title
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics
-from cspr_control.analysis.numbers.metrics import Margin, RunMetrics
+from cspr_control.analysis.numbers.metrics import Margin
 from cspr_control.analysis.run_analysis import RunAnalysis
 
 NOT_KNOWN = "-"
 
+_ERRORS = (  # with their attribute of `RunMetrics`, and decimals
+    ("position error, deg", "position_error", 2),
+    ("velocity error, deg/s", "velocity_error", 1),
+    ("tension less model, N", "tension_error", 1),
+)
 _MARGINS = {
     "tension_min_n": ("lowest tension, above limit", "cable", "N"),
     "tension_max_n": ("highest tension, below limit", "cable", "N"),
@@ -23,45 +28,66 @@ _MARGINS = {
     "speed_rad_per_s": ("speed, below limit", "motor", "rad/s"),
     "workspace_m": ("distance to workspace border", "", "m"),
 }
+_NO_MASS = MassMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, (), None)
 
 
 def summary_rows(runs: Sequence[RunAnalysis]) -> list[tuple[str, list[str]]]:
     """Return one row for each quantity: its name with unit, and a text for each run."""
-    metrics = [run.metrics for run in runs]
-    rows: list[tuple[str, list[str]]] = [
-        ("controller", [controller_title(one.controller) for one in metrics]),
-        ("trajectory", [one.trajectory for one in metrics]),
-        ("payload", [run.load_text() for run in runs]),
-        ("evaluated, s", [_number(one.duration, 2) for one in metrics]),
-    ]
-    for name, errors, digits in (
-        ("position error, deg", [one.position_error for one in metrics], 2),
-        ("velocity error, deg/s", [one.velocity_error for one in metrics], 1),
-        ("tension less model, N", [one.tension_error for one in metrics], 1),
-    ):
-        rows.append((f"{name}: RMS, mean", [_mean(error, "rms", digits) for error in errors]))
-        rows.append((f"{name}: median, mean", [_mean(error, "median", digits) for error in errors]))
-        rows.append((f"{name}: maximum", [_largest(error, digits) for error in errors]))
-    rows += _mass_rows([one.mass for one in metrics])
-    rows.append(("saturated commands, %", [_saturation(one) for one in metrics]))
+    columns = [_summary(run) for run in runs]
+    return [(name, [column[name] for column in columns]) for name in columns[0]]
+
+
+def _summary(run: RunAnalysis) -> dict[str, str]:
+    """Return the numbers of one run as texts, by quantity with unit."""
+    one = run.metrics
+    texts = {
+        "controller": controller_title(one.controller),
+        "trajectory": one.trajectory,
+        "payload": run.load_text(),
+        "evaluated, s": _number(one.duration, 2),
+    }
+    for name, attribute, digits in _ERRORS:
+        error: ErrorStatistics | None = getattr(one, attribute)
+        texts |= {
+            f"{name}: RMS, mean": NOT_KNOWN if error is None else _number(error.rms.mean(), digits),
+            f"{name}: median, mean": NOT_KNOWN if error is None else _number(error.median.mean(), digits),
+            f"{name}: maximum": _largest(error, digits),
+        }
+    mass, cycle, energy = one.mass or _NO_MASS, one.cycle, one.energy
+    settling = "never" if mass.settling is None else f"{mass.settling:.2f}"
+    saturated = math.nan if one.saturation is None else 100.0 * one.saturation.share.mean()
+    texts |= {
+        "mass estimated at the end, kg": _number(mass.estimate, 1),
+        "mass true at the end, kg": _number(mass.true, 1),
+        "mass bias, kg": _number(mass.bias, 2),
+        "mass noise, kg": _number(mass.noise, 2),
+        "mass within 2 % after, s": NOT_KNOWN if math.isnan(mass.true) else settling,
+        "saturated commands, %": _number(saturated, 2),
+    }
     for key, (name, part, unit) in _MARGINS.items():
-        rows.append((f"{name}, {unit}", [_margin(one.margins.get(key), part) for one in metrics]))
-    rows += _cycle_rows(metrics)
-    rows.append(("energy supplied, J", [_number(float(one.energy.supplied.sum()), 0) for one in metrics]))
-    rows.append(("energy returned, J", [_number(float(one.energy.returned.sum()), 0) for one in metrics]))
-    rows.append(("work of the cables, J", [_number(one.energy.cables, 0) for one in metrics]))
-    return rows
+        texts[f"{name}, {unit}"] = _margin(one.margins.get(key), part)
+    missed = NOT_KNOWN
+    if cycle.cycles is not None and cycle.missed is not None:
+        missed = f"{cycle.missed} of {cycle.cycles} ({cycle.missed / max(cycle.cycles, 1):.2%})"
+    latency = _triple(cycle.latency_p50_us, cycle.latency_p99_us, cycle.latency_max_us)
+    return texts | {
+        "cycle rate, Hz": _number(cycle.rate, 1),
+        "cycle median / 99 % / longest, ms": _triple(cycle.median_ms, cycle.p99_ms, cycle.longest_ms),
+        "missed cycles": missed,
+        "unanswered states": NOT_KNOWN if cycle.unanswered is None else str(cycle.unanswered),
+        "latency median / 99 % / longest, us": latency,
+        "energy supplied, J": _number(energy.supplied.sum(), 0),
+        "energy returned, J": _number(energy.returned.sum(), 0),
+        "work of the cables, J": _number(energy.cables, 0),
+    }
 
 
 def motor_rows(run: RunAnalysis) -> list[tuple[str, NDArray[np.float64]]]:
     """Return one row for each quantity of each motor or cable of a run: its name with unit, and the numbers (m,)."""
     one = run.metrics
     rows: list[tuple[str, NDArray[np.float64]]] = []
-    for name, error in (
-        ("position error, deg", one.position_error),
-        ("velocity error, deg/s", one.velocity_error),
-        ("tension less model, N", one.tension_error),
-    ):
+    for name, attribute, _ in _ERRORS:
+        error: ErrorStatistics | None = getattr(one, attribute)
         if error is not None:
             rows += [
                 (f"{name}: RMS", error.rms),
@@ -81,28 +107,19 @@ def format_runs(runs: Sequence[RunAnalysis]) -> str:
     """Return the tables for a terminal."""
     rows = summary_rows(runs)
     names = [controller_title(run.name) for run in runs]
+    headings = [f"{name}, by motor and cable" for name in names]
+    first = max(len(text) for text in (*(name for name, _ in rows), *headings)) + 2
+
+    def line(name: str, texts: Sequence[str], widths: Sequence[int]) -> str:
+        return name.ljust(first) + "".join(text.rjust(w) for text, w in zip(texts, widths, strict=True))
+
     columns = [names, *(texts for _, texts in rows)]
     widths = [max(len(column[k]) for column in columns) + 2 for k in range(len(runs))]
-    first = (
-        max(len(text) for text in (*(name for name, _ in rows), *(f"{n}, by motor and cable" for n in names)))
-        + 2
-    )
-    lines = ["".ljust(first) + "".join(name.rjust(w) for name, w in zip(names, widths, strict=True))]
-    lines += [
-        name.ljust(first) + "".join(text.rjust(w) for text, w in zip(texts, widths, strict=True))
-        for name, texts in rows
-    ]
-    for run, name in zip(runs, names, strict=True):
-        found = motor_rows(run)
+    lines = [line(name, texts, widths) for name, texts in (("", names), *rows)]
+    for run, heading in zip(runs, headings, strict=True):
         m = run.recording.robot.number_of_cables
-        lines += [
-            "",
-            f"{name}, by motor and cable".ljust(first) + "".join(f"{k:>9}" for k in range(1, m + 1)),
-        ]
-        lines += [
-            label.ljust(first) + "".join(f"{text:>9}" for text in row_texts(values))
-            for label, values in found
-        ]
+        lines += ["", line(heading, [str(k) for k in range(1, m + 1)], m * [9])]
+        lines += [line(name, row_texts(values), m * [9]) for name, values in motor_rows(run)]
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -128,10 +145,6 @@ def _number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else NOT_KNOWN
 
 
-def _mean(error: ErrorStatistics | None, quantity: str, digits: int) -> str:
-    return NOT_KNOWN if error is None else _number(float(getattr(error, quantity).mean()), digits)
-
-
 def _largest(error: ErrorStatistics | None, digits: int) -> str:
     if error is None or not np.isfinite(error.maximum).any():
         return NOT_KNOWN
@@ -139,59 +152,11 @@ def _largest(error: ErrorStatistics | None, digits: int) -> str:
     return f"{_number(float(error.maximum[worst]), digits)} ({worst + 1})"
 
 
-def _mass_rows(metrics: Sequence[MassMetrics | None]) -> list[tuple[str, list[str]]]:
-    def texts(read: str, digits: int) -> list[str]:
-        return [NOT_KNOWN if one is None else _number(getattr(one, read), digits) for one in metrics]
-
-    def settling(one: MassMetrics | None) -> str:
-        if one is None or math.isnan(one.true):
-            return NOT_KNOWN
-        return "never" if one.settling is None else f"{one.settling:.2f}"
-
-    return [
-        ("mass estimated at the end, kg", texts("estimate", 1)),
-        ("mass true at the end, kg", texts("true", 1)),
-        ("mass bias, kg", texts("bias", 2)),
-        ("mass noise, kg", texts("noise", 2)),
-        ("mass within 2 % after, s", [settling(one) for one in metrics]),
-    ]
-
-
-def _saturation(metrics: RunMetrics) -> str:
-    saturation = metrics.saturation
-    return NOT_KNOWN if saturation is None else _number(100.0 * float(saturation.share.mean()), 2)
-
-
 def _margin(margin: Margin | None, part: str) -> str:
     if margin is None:
         return NOT_KNOWN
     where = f" ({margin.index})" if part else ""
     return f"{_short(margin.margin)}{where}"
-
-
-def _cycle_rows(metrics: Sequence[RunMetrics]) -> list[tuple[str, list[str]]]:
-    def missed(cycles: int | None, count: int | None) -> str:
-        if cycles is None or count is None:
-            return NOT_KNOWN
-        return f"{count} of {cycles} ({count / max(cycles, 1):.2%})"
-
-    cycles = [one.cycle for one in metrics]
-    return [
-        ("cycle rate, Hz", [_number(one.rate, 1) for one in cycles]),
-        (
-            "cycle median / 99 % / longest, ms",
-            [_triple(one.median_ms, one.p99_ms, one.longest_ms) for one in cycles],
-        ),
-        ("missed cycles", [missed(one.cycles, one.missed) for one in cycles]),
-        (
-            "unanswered states",
-            [NOT_KNOWN if one.unanswered is None else str(one.unanswered) for one in cycles],
-        ),
-        (
-            "latency median / 99 % / longest, us",
-            [_triple(one.latency_p50_us, one.latency_p99_us, one.latency_max_us) for one in cycles],
-        ),
-    ]
 
 
 def _triple(*values: float) -> str:
