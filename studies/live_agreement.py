@@ -29,7 +29,6 @@ SETTLING_TOLERANCE = 0.1  # s
 class LiveRun:
     """What a directory of the demo says of its run."""
 
-    directory: Path
     scenario: Scenario
     name: str
     rms_deg: NDArray[np.float64]  # (m,)
@@ -85,7 +84,6 @@ class LiveRun:
             speed=pace if abs(pace - 1.0) > 0.02 else 1.0,
         )
         return LiveRun(
-            directory,
             scenario,
             name,
             np.array(summary["rms_position_error_deg"]),
@@ -132,11 +130,6 @@ class Agreement:
             Compared("final mass estimate, kg", live.mass_estimate, self.mass_estimate, MASS_TOLERANCE),
             Compared("settled to 2 % after, s", live.settling_time, self.settling_time, SETTLING_TOLERANCE),
         ]
-
-    @property
-    def mean_deviation(self) -> float:
-        """Live less offline, as a share, of the mean RMS error."""
-        return self.numbers()[0].deviation
 
     @property
     def within_tolerance(self) -> bool:

@@ -104,7 +104,7 @@ def test_agreement_is_judged_number_by_number(live):
     one = LiveRun.read(live())
     near = Agreement(one, np.full(8, 10.3), 150.4, 1.3)
     assert near.within_tolerance
-    assert near.mean_deviation == pytest.approx(10.0 / 10.3 - 1.0)
+    assert near.numbers()[0].deviation == pytest.approx(10.0 / 10.3 - 1.0)
     assert not Agreement(one, np.full(8, 12.0), 150.4, 1.3).within_tolerance
     assert not Agreement(one, np.array([10.0] * 7 + [13.0]), 150.4, 1.3).within_tolerance
     assert not Agreement(one, np.full(8, 10.0), 152.0, 1.3).within_tolerance

@@ -109,24 +109,19 @@ def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) ->
 
 
 class _Stop:
-    """The request to stop, as the future that ends the executor's spinning.
+    """The request to stop, as the future that ends the executor's spinning; a thread sets it at a byte in the pipe."""
 
-    Parameters
-    ----------
-    wake_up
-        Lets another thread than the main one set the future.
-    """
-
-    def __init__(self, wake_up: Callable[[], None]) -> None:
+    def __init__(self, pipe: int) -> None:
         self.future = Future()
         self.armed = False  # whether nodes are there to be made safe; before, a signal interrupts the start
-        self._wake_up = wake_up
+        self._pipe = pipe
 
     def on_signal(self, number: int, frame: object) -> None:
         # The main thread may be interrupted in the middle of a method of the future, with the future's lock held:
         # asked here, the future would wait for that for ever.
         if self.armed:
-            self._wake_up()
+            with suppress(BlockingIOError):  # the pipe is full of requests
+                os.write(self._pipe, b"\0")
         else:
             self.armed = True
             raise KeyboardInterrupt
@@ -142,12 +137,7 @@ def _stop_on_signal() -> Iterator[_Stop]:
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
-
-    def wake_up() -> None:
-        with suppress(BlockingIOError):  # the pipe is full of requests
-            os.write(writing, b"\0")
-
-    stop = _Stop(wake_up)
+    stop = _Stop(writing)
 
     def wait() -> None:
         while os.read(reading, 1) != b"":
