@@ -113,6 +113,7 @@ def commissioned(config: CanConfig, present: Iterable[FoundDevice]) -> Findings:
     return findings
 
 
+@dataclass(frozen=True)
 class FindingsFile:
     """The file in which findings are kept until `can.yaml` is written.
 
@@ -122,8 +123,7 @@ class FindingsFile:
         The file.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    path: Path
 
     def load(self) -> Findings:
         """Return what is kept; nothing when there is no file.

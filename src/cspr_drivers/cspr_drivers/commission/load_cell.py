@@ -10,7 +10,7 @@ from cspr_drivers.devices.settings import LOAD_CELL_TARE
 from cspr_drivers.errors import DeviceError
 
 _SAMPLES = 25  # of a reading that counts: their mean has a fifth of the noise of one
-_GLANCE = 4  # of one that only has to change
+GLANCE = 4  # of one that only has to change
 _LARGEST_ZERO = 5.0  # N that a tared cell may show with a slack cable
 
 
@@ -32,16 +32,12 @@ class SingleLoadCell:
 
     def __init__(self, device: CanopenDevice, config: LoadCellConfig) -> None:
         self._device = device
-        self._divisor = 10.0**config.units.decimal_digits
         digits = config.units.decimal_digits
+        self._divisor = 10.0**digits
         device.write(Parameter(0x6131, 1, 32, cia404.NEWTON, "AI physical unit PV"))
         device.write(Parameter(0x6132, 1, 8, digits, "AI decimal digits PV"))
 
-    def glance(self) -> float:
-        """Return a quick reading, N, as the amplifier displays it; else as `reading`."""
-        return self._mean(_GLANCE)
-
-    def reading(self) -> float:
+    def reading(self, samples: int = _SAMPLES) -> float:
         """Return the mean of some readings, N, as the amplifier displays them.
 
         Raises
@@ -49,7 +45,13 @@ class SingleLoadCell:
         DeviceError
             If the amplifier reports an overload or another problem.
         """
-        return self._mean(_SAMPLES)
+        total = 0.0
+        for _ in range(samples):
+            total += self._device.read(Parameter(0x9130, 1, 32, 0, "AI input PV", signed=True))
+            status = self._device.read(Parameter(0x6150, 1, 8, 0, "AI status"))
+            if status:
+                raise DeviceError(self._device.name, f"reports: {cia404.status_text(status)}")
+        return total / samples / self._divisor
 
     def tare(self) -> float:
         """Make the present reading zero; return what it was, N.
@@ -65,12 +67,3 @@ class SingleLoadCell:
         if abs(after) > _LARGEST_ZERO:
             raise DeviceError(self._device.name, f"shows {after:.1f} N after taring: is the cable at rest?")
         return before
-
-    def _mean(self, samples: int) -> float:
-        total = 0.0
-        for _ in range(samples):
-            total += self._device.read(Parameter(0x9130, 1, 32, 0, "AI input PV", signed=True))
-            status = self._device.read(Parameter(0x6150, 1, 8, 0, "AI status"))
-            if status:
-                raise DeviceError(self._device.name, f"reports: {cia404.status_text(status)}")
-        return total / samples / self._divisor

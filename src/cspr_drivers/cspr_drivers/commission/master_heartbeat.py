@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from types import TracebackType
 
 from cspr_drivers.bus.can_bus import CanPorts, CyclicFrame
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
@@ -34,9 +33,7 @@ class MasterHeartbeat:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_raised: object) -> None:
         self._stopping.set()
         self._thread.join()
 

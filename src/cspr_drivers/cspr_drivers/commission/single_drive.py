@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from types import TracebackType
 
 from cspr_drivers.canopen import cia402
 from cspr_drivers.canopen.cia402 import State, Target
@@ -77,9 +76,7 @@ class SingleDrive:
         self._device.wait_for(DRIVE_MODE)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_raised: object) -> None:
         if kind is None:
             self.close_brake()
         else:  # the first problem is the one reported; a drive that cannot be reached misses the heartbeat

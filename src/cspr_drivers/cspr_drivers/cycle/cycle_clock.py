@@ -40,8 +40,7 @@ class CycleClock:
         self._clock = clock
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="cycle clock", daemon=True)
-        self.skipped = 0
-        self.worst_lateness = 0.0
+        self.clear()
 
     def start(self) -> None:
         """Begin to call."""

@@ -85,20 +85,6 @@ class CycleWatch:
         self._begun = False
         self.clear()
 
-    def _begin(self) -> None:
-        for index in range(self._frames):
-            if index in self._answered or index in self._taken_as_late:
-                # the late answer has come, or nothing followed what was taken for it: then it was lost, not late
-                self._owed[index] = 0
-            elif self._begun:
-                self._owed[index] += 1
-                self._missing[index] += 1
-        self._begun = True
-        self._taken_as_late = set()
-        self._answered = set()
-        self._commanded = set()
-        self._last_feedback = self._last_command = 0.0
-
     def clear(self) -> None:
         """Restart the statistics; the present cycle goes on and is counted when it ends."""
         self._counts = CycleStatistics()
@@ -118,7 +104,18 @@ class CycleWatch:
                 self._counts.missed_cycles += 1
             else:
                 self._histogram.add(max(0.0, self._last_command - self._last_feedback))
-        self._begin()
+        for index in range(self._frames):
+            if index in self._answered or index in self._taken_as_late:
+                # the late answer has come, or nothing followed what was taken for it: then it was lost, not late
+                self._owed[index] = 0
+            elif self._begun:
+                self._owed[index] += 1
+                self._missing[index] += 1
+        self._begun = True
+        self._taken_as_late = set()
+        self._answered = set()
+        self._commanded = set()
+        self._last_feedback = self._last_command = 0.0
 
     def is_late(self, index: int) -> bool:
         """Whether feedback that has just come answers an earlier SYNC, and so holds an earlier position.

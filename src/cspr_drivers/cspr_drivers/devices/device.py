@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from queue import Empty
 from typing import Any
 
@@ -136,7 +136,7 @@ class CanopenDevice:
 
     def differing(self, settings: Iterable[Setting]) -> list[Setting]:
         """Return the settings of which some object does not have its value yet; raises as `read`."""
-        return [setting for setting in settings if not all(map(self._agrees, setting.result))]
+        return [s for s in settings if not all(entry.agrees(self.read(entry)) for entry in s.result)]
 
     def write(self, parameter: Parameter) -> None:
         """Write an object; raises as `read`."""
@@ -237,9 +237,6 @@ class CanopenDevice:
 
     # Transfers
 
-    def _agrees(self, parameter: Parameter) -> bool:
-        return parameter.agrees(self.read(parameter))
-
     def _transfer(
         self, parameter: Parameter, what: str, attempts: int, transfer: Callable[..., Any], *data: bytes
     ) -> Any:
@@ -262,6 +259,14 @@ def leave_operational(devices: Iterable[CanopenDevice]) -> None:
     with contextlib.suppress(DeviceError):
         for device in devices:
             device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+
+
+def in_words(problems: Mapping[str, str]) -> str:
+    """Return what is wrong with which device; those with the same problem together."""
+    names: dict[str, list[str]] = {}
+    for name, problem in problems.items():
+        names.setdefault(problem, []).append(name)
+    return "; ".join(f"{', '.join(concerned)}: {problem}" for problem, concerned in names.items())
 
 
 def abort_text(code: int) -> str:

@@ -6,12 +6,10 @@ Sources: CiA 301 (1000h, 1016h, 1017h, 1018h, 1029h, 1400h, 1600h, 1800h, 1A00h)
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from cspr_drivers.canopen import cia402, cia404
 from cspr_drivers.canopen.frame_table import DRIVE_TPDO3, FunctionCode, TransmissionType, cob_id
 from cspr_drivers.canopen.object_entry import Parameter, Setting
-from cspr_drivers.canopen.pdo_parameters import RPDO, TPDO, default_pdos, pdo_setting
+from cspr_drivers.canopen.pdo_parameters import RPDO, TPDO, pdo_setting
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.config.identity import Identity
 
@@ -81,28 +79,18 @@ def drive_settings(config: CanConfig, drive: DriveConfig) -> tuple[Setting, ...]
 
 
 def _drive_pdos(config: CanConfig, drive: DriveConfig) -> list[Setting]:
-    pdos = [
-        pdo_setting(
-            RPDO,
-            cob_id(FunctionCode.RPDO1, drive.node_id),
-            TransmissionType.EVENT_DRIVEN,
-            config.pdo.drive_rpdo,
-            event_timer=milliseconds(config.timeouts.rpdo),
-        ),
-        pdo_setting(
-            TPDO,
-            cob_id(FunctionCode.TPDO1, drive.node_id),
-            TransmissionType.EVERY_SYNC,
-            config.pdo.drive_tpdo,
-        ),
+    pdo, sync, event = config.pdo, TransmissionType.EVERY_SYNC, TransmissionType.EVENT_DRIVEN
+    inputs = None if config.emergency_stop_input is None else DRIVE_TPDO3
+    return [
+        pdo_setting(index, cob_id(function, drive.node_id), transmission, layout, event_timer)
+        for index, function, transmission, layout, event_timer in (
+            (RPDO, FunctionCode.RPDO1, event, pdo.drive_rpdo, milliseconds(config.timeouts.rpdo)),
+            (TPDO, FunctionCode.TPDO1, sync, pdo.drive_tpdo, None),
+            (TPDO + 1, FunctionCode.TPDO2, sync, pdo.drive_tpdo_2, None),
+            (TPDO + 2, FunctionCode.TPDO3, event, inputs, None),
+        )
+        if layout is not None
     ]
-    if config.pdo.drive_tpdo_2 is not None:
-        identifier = cob_id(FunctionCode.TPDO2, drive.node_id)
-        pdos.append(pdo_setting(TPDO + 1, identifier, TransmissionType.EVERY_SYNC, config.pdo.drive_tpdo_2))
-    if config.emergency_stop_input is not None:
-        identifier = cob_id(FunctionCode.TPDO3, drive.node_id)
-        pdos.append(pdo_setting(TPDO + 2, identifier, TransmissionType.EVENT_DRIVEN, DRIVE_TPDO3))
-    return pdos
 
 
 def load_cell_settings(config: CanConfig, cell: LoadCellConfig) -> tuple[Setting, ...]:
@@ -123,11 +111,6 @@ def load_cell_settings(config: CanConfig, cell: LoadCellConfig) -> tuple[Setting
             config.pdo.load_cell_tpdo,
         ),
     )
-
-
-def unused_pdos(settings: Iterable[Setting]) -> tuple[Parameter, ...]:
-    """Return the COB-ID entries of a device's default PDOs that must be not valid: those without a setting."""
-    return default_pdos({parameter.index for setting in settings for parameter in setting.result})
 
 
 def milliseconds(time: float) -> int:

@@ -8,7 +8,7 @@ from cspr_drivers.canopen import cia402
 from cspr_drivers.canopen.frame_table import DIGITAL_INPUTS, STATUS_WORD
 from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.canopen.object_entry import Parameter, Setting
-from cspr_drivers.canopen.pdo_parameters import out_of_use
+from cspr_drivers.canopen.pdo_parameters import default_pdos, out_of_use
 from cspr_drivers.canopen.units import INCREMENTS, velocity_unit
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.config.identity import Identity
@@ -21,7 +21,6 @@ from cspr_drivers.devices.settings import (
     drive_settings,
     identity_object,
     load_cell_settings,
-    unused_pdos,
 )
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 
@@ -71,9 +70,7 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     DeviceError
         If it does not answer, refuses something, or has another scale than configured.
     """
-    device.leave_stopped()
-    device.check((DRIVE_TYPE,), WrongDeviceError)
-    _identify(device, drive.identity)
+    _identify(device, DRIVE_TYPE, drive.identity)
     device.check(drive_scale(drive))
     current = _rated_current(device)
     _require_increments(device)
@@ -106,9 +103,7 @@ def set_up_load_cell(
     WrongDeviceError, DeviceError
         As `set_up_drive`.
     """
-    device.leave_stopped()
-    device.check((LOAD_CELL_TYPE,), WrongDeviceError)
-    _identify(device, cell.identity)
+    _identify(device, LOAD_CELL_TYPE, cell.identity)
     wrong = _differing(device, load_cell_settings(config, cell))
     if wrong:
         device.command(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -122,7 +117,9 @@ def set_up_load_cell(
     return low, high
 
 
-def _identify(device: CanopenDevice, identity: Identity | None) -> None:
+def _identify(device: CanopenDevice, profile: Parameter, identity: Identity | None) -> None:
+    device.leave_stopped()
+    device.check((profile,), WrongDeviceError)
     if identity is None:
         raise WrongDeviceError(
             device.name,
@@ -178,7 +175,7 @@ def _emergency_stop(device: CanopenDevice, config: CanConfig) -> bool:
 
 def _differing(device: CanopenDevice, settings: tuple[Setting, ...]) -> list[Setting]:
     wrong = device.differing(settings)
-    for entry in unused_pdos(settings):
+    for entry in default_pdos({parameter.index for setting in settings for parameter in setting.result}):
         found = device.read_if_present(entry)
         if found is not None and not entry.agrees(found):
             wrong.append(out_of_use(entry, found))

@@ -13,6 +13,7 @@ from dataclasses import replace
 from cspr_drivers.canopen.cia402 import Command, State, Target, decode_state, next_control_word
 from cspr_drivers.canopen.emergency import Emergency, after, is_error
 from cspr_drivers.config.timeouts import Timeouts
+from cspr_drivers.devices.device import in_words
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.transition_watch import TransitionWatch
 from cspr_msgs_py.vocabulary import DriverState
@@ -288,12 +289,8 @@ class DriveGroup:
         if faulty := [drive.describe() for drive in reporting if drive.state in _FAULTY]:
             self.quick_stop("; ".join(faulty), time)
             return
-        reasons: dict[str, list[str]] = {}
-        for index, drive in enumerate(self._drives):
-            if reason := self._restless(drive, index in present):
-                reasons.setdefault(reason, []).append(drive.name)
-        if reasons:
-            cause = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+        reasons = {d.name: self._restless(d, index in present) for index, d in enumerate(self._drives)}
+        if cause := in_words({name: reason for name, reason in reasons.items() if reason}):
             self._enter(DriverState.NOT_READY, cause, time)
         elif self.state is DriverState.NOT_READY:
             self._enter(DriverState.DISABLED, "", time)

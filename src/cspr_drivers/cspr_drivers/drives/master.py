@@ -123,20 +123,17 @@ class DriveMaster:
             return
         self._stopped = True
         if self._started:
-            self._leave_drives()
+            self.come_to_rest()
+            self._setup.stop()
+            leave_operational(self._devices)
+            self.cycle_clock.stop()
+            self._ports.off_sync(self._cycle.sync)
+            for port, failure in self._failures:
+                port.off_failure(failure)
+            for port, identifier, _ in self._handlers():
+                port.unsubscribe(identifier)
         for device in self._devices:
             device.release()
-
-    def _leave_drives(self) -> None:
-        self.come_to_rest()
-        self._setup.stop()
-        leave_operational(self._devices)
-        self.cycle_clock.stop()
-        self._ports.off_sync(self._cycle.sync)
-        for port, failure in self._failures:
-            port.off_failure(failure)
-        for port, identifier, _ in self._handlers():
-            port.unsubscribe(identifier)
 
     # Torque commands.
 
@@ -272,15 +269,13 @@ class DriveMaster:
         config, cycle = self.config, self._cycle
         for index, drive in enumerate(config.drives):
             port = self._ports[drive.bus]
-            yield port, cob_id(FunctionCode.TPDO1, drive.node_id), partial(self._take, cycle.feedback, index)
-            if config.pdo.drive_tpdo_2 is not None:
-                yield (
-                    port,
-                    cob_id(FunctionCode.TPDO2, drive.node_id),
-                    partial(self._take, cycle.velocity, index),
-                )
-            if config.emergency_stop_input is not None:
-                yield port, cob_id(FunctionCode.TPDO3, drive.node_id), partial(self._take_inputs, index)
+            for function, used, handler in (
+                (FunctionCode.TPDO1, config.pdo.drive_tpdo, partial(self._take, cycle.feedback, index)),
+                (FunctionCode.TPDO2, config.pdo.drive_tpdo_2, partial(self._take, cycle.velocity, index)),
+                (FunctionCode.TPDO3, config.emergency_stop_input, partial(self._take_inputs, index)),
+            ):
+                if used is not None:
+                    yield port, cob_id(function, drive.node_id), handler
 
     # The devices.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -199,11 +199,3 @@ class LoadCellMaster:
         with self._lock:
             self._tare_result = result
         self._report(result)
-
-
-def in_words(problems: Mapping[str, str]) -> str:
-    """Return what is wrong with which device; those with the same problem together."""
-    names: dict[str, list[str]] = {}
-    for name, problem in problems.items():
-        names.setdefault(problem, []).append(name)
-    return "; ".join(f"{', '.join(concerned)}: {problem}" for problem, concerned in names.items())

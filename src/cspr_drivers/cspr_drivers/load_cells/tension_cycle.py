@@ -56,7 +56,6 @@ class TensionCycle:
         self._values: list[float | None] = [None] * len(self._names)
         self._last: list[float | None] = [None] * len(self._names)
         self._invalid: dict[int, str] = {}
-        self._count = 0
         self._cycles = 0
         self._incomplete = 0
         self._missing = [0] * len(self._names)
@@ -68,16 +67,16 @@ class TensionCycle:
         if self._stamp is not None:
             self._cycles += 1
             self._last = self._values
-            if self._count < len(self._names):
-                self._incomplete += 1
-                self._note_missing()
-            elif self._problems:
-                self._problems = {}
+            self._incomplete += None in self._values
+            self._problems = {}
+            for index, value in enumerate(self._values):
+                if value is None:
+                    self._missing[index] += 1
+                    self._problems[self._names[index]] = self._invalid.get(index, "silent")
         self._answers.sync(counted=False)
         self._stamp = stamp_ns
         self._values = [None] * len(self._names)
         self._invalid = {}
-        self._count = 0
 
     def measured(self, index: int, tension: float, problem: str) -> CompleteTensions | None:
         """Process the value of a cell; return all tensions when it was the last one missing.
@@ -101,10 +100,8 @@ class TensionCycle:
             self._invalid[index] = problem
             return None
         self._values[index] = tension
-        self._count += 1
-        if self._count < len(self._names):
-            return None
-        return CompleteTensions(self._stamp, tuple(value for value in self._values if value is not None))
+        values = tuple(value for value in self._values if value is not None)
+        return CompleteTensions(self._stamp, values) if len(values) == len(self._names) else None
 
     def tare_refusal(self, limit: float) -> str | None:
         """Return why the cells must not be tared now, or `None`.
@@ -125,11 +122,3 @@ class TensionCycle:
         return TensionStatistics(
             self._cycles, self._incomplete, missing, dict(self._problems), self._answers.statistics().answers
         )
-
-    def _note_missing(self) -> None:
-        problems = {}
-        for index, value in enumerate(self._values):
-            if value is None:
-                self._missing[index] += 1
-                problems[self._names[index]] = self._invalid.get(index, "silent")
-        self._problems = problems

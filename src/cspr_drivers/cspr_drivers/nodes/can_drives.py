@@ -85,12 +85,8 @@ class CanDrives(DriverNode[DriveMaster]):
 
     def _offer(self, prefix: str, index: int | None, quick_stop: str) -> None:
         """Offer the commands to all drives, or to one."""
-
-        def disable(master: DriveMaster) -> None:
-            master.disable(index)
-
         self.service(f"{prefix}/enable", lambda master: master.enable(index), needs_active=True)
-        self.service(f"{prefix}/disable", disable)
+        self.service(f"{prefix}/disable", lambda master: master.disable(index))
         self.service(f"{prefix}/quick_stop", lambda master: master.quick_stop(quick_stop))
         self.service(f"{prefix}/fault_reset", lambda master: master.fault_reset(index))
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.canopen.emergency import ActiveErrors
 from cspr_drivers.cycle.cycle_watch import AnswerCounts
+from cspr_drivers.devices.device import in_words
 from cspr_drivers.drives.report import DriveReport
-from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport, in_words
+from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport
 from cspr_msgs_py.vocabulary import DriverState, Level
 from cspr_msgs_py.wire.samples import Status
 
@@ -43,11 +44,8 @@ def _milliseconds(age: float) -> str:
 
 
 def drive_diagnostics(report: DriveReport) -> list[Status]:
-    """Return the health of the driver of the drives."""
-    return [_driver_diagnostics(report), *_each_drive(report)]
-
-
-def _each_drive(report: DriveReport) -> Iterator[Status]:
+    """Return the health of the driver of the drives, then that of each drive."""
+    statuses = [_driver_diagnostics(report)]
     for place, (drive, facts) in enumerate(zip(report.drives, report.facts, strict=True)):
         values = {
             **_answers_and_errors(report.statistics.answers[place], drive.errors),
@@ -61,7 +59,8 @@ def _each_drive(report: DriveReport) -> Iterator[Status]:
                 values["rated_current_a"] = f"{facts.rated_current:g}"
         level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
         message = drive.unavailable or drive.state_name
-        yield Status.of(f"can_drives: {drive.name}", level, message, values)
+        statuses.append(Status.of(f"can_drives: {drive.name}", level, message, values))
+    return statuses
 
 
 def _answers_and_errors(counts: AnswerCounts, errors: ActiveErrors) -> dict[str, object]:

@@ -6,7 +6,7 @@ What each fault ends in is in docs/operation.md, and what it costs in height in 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
 
@@ -110,6 +110,7 @@ class FaultOrder:
     place: int | str = 0
 
 
+@dataclass
 class FaultInjector:
     """Puts faults into emulated devices, their machine and their buses, and takes them away again.
 
@@ -123,18 +124,11 @@ class FaultInjector:
         What disturbs each bus from now on, by its name.
     """
 
-    def __init__(
-        self,
-        drives: Sequence[DriveEmulator],
-        load_cells: Sequence[LoadCellEmulator],
-        machine: SharedPlant,
-        buses: Mapping[str, Callable[[BusDisturbance], None]],
-    ) -> None:
-        self._drives = drives
-        self._load_cells = load_cells
-        self._machine = machine
-        self._buses = buses
-        self._remedies: list[Callable[[], None]] = []
+    drives: Sequence[DriveEmulator]
+    load_cells: Sequence[LoadCellEmulator]
+    machine: SharedPlant
+    buses: Mapping[str, Callable[[BusDisturbance], None]]
+    _remedies: list[Callable[[], None]] = field(default_factory=list, init=False)
 
     def read(self, text: str) -> FaultOrder:
         """Return what a text such as ``drive_silent motor_3`` orders.
@@ -153,14 +147,14 @@ class FaultInjector:
         if fault.target is FaultTarget.ROBOT:
             places: dict[str, int | str] = {"": 0, "robot": 0}
         elif fault.target is FaultTarget.BUS:
-            if not self._buses:
+            if not self.buses:
                 raise DriverError(
                     f"{name}: only the simulated buses of one process can be disturbed, not SocketCAN"
                 )
-            places = {bus: bus for bus in self._buses}
+            places = {bus: bus for bus in self.buses}
         else:
             prefix = fault.target.value.removesuffix("K")
-            places = {f"{prefix}{index + 1}": index for index in range(len(self._drives))}
+            places = {f"{prefix}{index + 1}": index for index in range(len(self.drives))}
         if place not in places:
             raise DriverError(
                 f"{name}: there is no '{place}' it could happen to; say '{name} PLACE' with one of "
@@ -170,17 +164,17 @@ class FaultInjector:
 
     def inject(self, order: FaultOrder) -> None:
         """Inject a fault now; unless it is momentary, it lasts until `clear`."""
-        with self._machine.lock:
+        with self.machine.lock:
             fault, place = order.fault, order.place
             if fault.target is FaultTarget.BUS:
-                disturb = self._buses[str(place)]
+                disturb = self.buses[str(place)]
                 disturb(BusDisturbance[fault.value.removeprefix("bus_").upper()])
                 self._remedies.append(partial(disturb, BusDisturbance.NONE))
             elif fault in _FLAGS:
-                devices = self._drives if fault.target is FaultTarget.MOTOR else self._load_cells
+                devices = self.drives if fault.target is FaultTarget.MOTOR else self.load_cells
                 self._set(devices[int(place)], *_FLAGS[fault])
             elif fault in _TORQUES:
-                drive = self._drives[int(place)]
+                drive = self.drives[int(place)]
                 self._remedies.append(drive.apply_faults)
                 self._set(drive, *_TORQUES[fault])
                 drive.apply_faults()
@@ -189,15 +183,15 @@ class FaultInjector:
 
     def clear(self) -> None:
         """Repair everything; what stays latched in devices stays latched."""
-        with self._machine.lock:
+        with self.machine.lock:
             remedies, self._remedies = self._remedies, []
             for remedy in reversed(remedies):
                 remedy()
 
     def _harm(self, fault: InjectedFault, index: int) -> Callable[[], None] | None:
         """Inject a fault that is more than a flag of a device; return what repairs it, `None` if it is momentary."""
-        drive = self._drives[index]
-        machine, plant = self._machine, self._machine.plant
+        drive = self.drives[index]
+        machine, plant = self.machine, self.machine.plant
         match fault:
             case InjectedFault.DRIVE_RESET:
                 drive.power_cycle()
@@ -211,7 +205,7 @@ class FaultInjector:
                 plant.weaken_brake(index, _WEAK_BRAKE)
                 return partial(plant.weaken_brake, index, 1.0)
             case InjectedFault.LOAD_CELL_DRIFTING:
-                cell = self._load_cells[index]
+                cell = self.load_cells[index]
                 cell.drift(_DRIFT)
                 return partial(cell.drift, 0.0)
             case InjectedFault.CABLE_SLACK:
@@ -228,7 +222,7 @@ class FaultInjector:
         return None
 
     def _stop_by_emergency(self, active: bool) -> None:
-        for drive in self._drives:
+        for drive in self.drives:
             drive.set_emergency_stop(active)
 
     def _set(self, device: EmulatedNode, name: str, value: float) -> None:

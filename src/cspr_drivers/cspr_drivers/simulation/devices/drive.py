@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from cspr_drivers.canopen.cia402 import (
 from cspr_drivers.canopen.nmt import NmtState
 from cspr_drivers.config.can_config import DriveConfig
 from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
-from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, DriveTiming, OptionCodes, Phase
+from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, OptionCodes, Phase
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import BrakeProperties, DriveProperties
@@ -54,8 +56,6 @@ _OPTION_CODES = {
     0x605E: ("fault_reaction", (0, 1, 2)),
     0x6088: ("", (_LINEAR_RAMP,)),
 }
-
-_STANDSTILL_SPEED = 1.0  # rad/s at the motor shaft: some 2 mm/s of cable
 
 
 class DriveEmulator(EmulatedNode):
@@ -111,10 +111,8 @@ class DriveEmulator(EmulatedNode):
         self._units = config.units
         self._damping = drive.quick_stop_damping
         self._brake_open_flag = 1 << brake_open_bit
-        self._timing = DriveTiming(
-            brake.open_delay, brake.close_delay, drive.quick_stop_time, _STANDSTILL_SPEED
-        )
-        self.automaton = DriveStateMachine(self._timing)
+        self._new_automaton = partial(DriveStateMachine, brake, drive)
+        self.automaton = self._new_automaton()
         self.emergency_stop = False
         self.warning = False
         self.mode_is_lost = False
@@ -149,8 +147,8 @@ class DriveEmulator(EmulatedNode):
         self.writers |= {
             (0x6040, 0): self._write_control_word,
             (0x6060, 0): self._write_mode,
-            (0x6071, 0): self._write_target_torque,
-            (0x6072, 0): self._write_max_torque,
+            (0x6071, 0): partial(setattr, self, "_target_torque"),
+            (0x6072, 0): partial(setattr, self, "_max_torque"),
         }
         for option, (name, allowed) in _OPTION_CODES.items():
             self.writers[option, 0] = partial(self._write_option, option, name, allowed)
@@ -201,13 +199,10 @@ class DriveEmulator(EmulatedNode):
 
     def fail(self, code: EmergencyCode) -> None:
         """Let the drive find a fault in itself: it stops its motor, closes the brake and is in fault."""
-        with self._machine.lock:
-            time = self._machine.now()
-            self._machine.advance(time)
+        with self._at_present() as time:
             self._error_code = int(code)
             self.emergency(code)
             self.automaton.fault(time)
-            self._drive(time)
 
     def set_emergency_stop(self, active: bool) -> None:
         """Open or close the emergency stop chain at the drive's interlock input (bit 3 of 60FDh).
@@ -215,32 +210,27 @@ class DriveEmulator(EmulatedNode):
         While it is open the drive is stopped as by the quick stop command and cannot be switched on: the safety
         relay of a machine does the same before it takes the power away (stop category 1 of IEC 60204-1).
         """
-        with self._machine.lock:
-            time = self._machine.now()
-            self._machine.advance(time)
+        with self._at_present() as time:
             self.emergency_stop = active
             if active:
                 self.automaton.quick_stop(time)
                 if self.automaton.state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
                     self.automaton.state = State.SWITCH_ON_DISABLED
-            self._drive(time)
 
     def power_cycle(self) -> None:
         """Lose the supply and boot again: the motor coasts until the brake, closed by its spring, holds."""
         with self._machine.lock:
-            time = self._machine.now()
-            self._machine.advance(time)
-            self.automaton.lose_power(time)
-            self._errors.over()
-            self._error_code = 0
-            self.restart(time)
-            self._drive(time)
+            with self._at_present() as time:
+                self.automaton.lose_power(time)
+                self._errors.over()
+                self._error_code = 0
+                self.restart(time)
             self.power_on()
 
     def restart(self, time: float) -> None:
         """Begin as after power-on; a drive that is still stopping its motor goes on with that."""
         if self.automaton.phase is Phase.OFF:
-            self.automaton = DriveStateMachine(self._timing)
+            self.automaton = self._new_automaton()
             self._error_code = 0
             self._errors.over()
         self._mode = _NO_MODE
@@ -263,9 +253,16 @@ class DriveEmulator(EmulatedNode):
 
     def apply_faults(self) -> None:
         """Give the plant what the injected faults, just changed, make of the drive's torque."""
+        with self._at_present():
+            pass
+
+    @contextmanager
+    def _at_present(self) -> Iterator[float]:
+        """Hold the machine at the present plant time, s, and give it what the drive has become by then."""
         with self._machine.lock:
             time = self._machine.now()
             self._machine.advance(time)
+            yield time
             self._drive(time)
 
     def _drive(self, time: float) -> None:
@@ -326,12 +323,6 @@ class DriveEmulator(EmulatedNode):
     def _write_control_word(self, word: int) -> None:
         self._control_word = word
         self._new_control_word = True
-
-    def _write_target_torque(self, per_mille: int) -> None:
-        self._target_torque = per_mille
-
-    def _write_max_torque(self, per_mille: int) -> None:
-        self._max_torque = per_mille
 
     def _write_mode(self, mode: int) -> None:
         if mode == self._mode:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from cspr_drivers.canopen.cia402 import Command, State
+from cspr_drivers.simulation.simulation_config import BrakeProperties, DriveProperties
 
 _SWITCH_ON = 1 << 0
 _ENABLE_VOLTAGE = 1 << 1
@@ -30,6 +31,7 @@ SLOW_DOWN_AND_STAY = 5
 QUICK_STOP_AND_STAY = 6
 
 _SLOW_DOWN = 0.5  # share of the quick stop's damping that the slow down ramp has; it may take as much longer
+_STANDSTILL_SPEED = 1.0  # rad/s at the motor shaft at which the brake may close: some 2 mm/s of cable
 
 
 @dataclass
@@ -41,26 +43,6 @@ class OptionCodes:
     disable_operation: int = SLOW_DOWN_RAMP
     halt: int = SLOW_DOWN_RAMP
     fault_reaction: int = QUICK_STOP_RAMP
-
-
-@dataclass(frozen=True)
-class DriveTiming:
-    """Durations, s, and the speed that counts as standstill, rad/s at the motor shaft.
-
-    Attributes
-    ----------
-    brake_open_delay, brake_close_delay
-        From the command to the brake until it is open, or holds.
-    quick_stop_time
-        Longest time for slowing down; then the brake closes all the same.
-    standstill_speed
-        Speed below which the brake closes during a quick stop.
-    """
-
-    brake_open_delay: float
-    brake_close_delay: float
-    quick_stop_time: float
-    standstill_speed: float
 
 
 class Phase(Enum):
@@ -78,6 +60,11 @@ class Phase(Enum):
 class DriveStateMachine:
     """State, power stage and brake of one drive.
 
+    Parameters
+    ----------
+    brake, drive
+        Delays of the brake, and how long the drive may take to stop its motor.
+
     Attributes
     ----------
     state
@@ -92,9 +79,10 @@ class DriveStateMachine:
         Whether the master asks for a halt (bit 8), in a mode of operation that has one.
     """
 
-    def __init__(self, timing: DriveTiming, options: OptionCodes | None = None) -> None:
-        self._timing = timing
-        self.options = options or OptionCodes()
+    def __init__(self, brake: BrakeProperties, drive: DriveProperties) -> None:
+        self._brake = brake
+        self._stop_time = drive.quick_stop_time
+        self.options = OptionCodes()
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.phase = Phase.OFF
         self.halted = False
@@ -206,9 +194,7 @@ class DriveStateMachine:
         """Do what is due at a time, s, with the motor turning at a speed, rad/s."""
         if self.state is State.NOT_READY_TO_SWITCH_ON:
             self.state = State.SWITCH_ON_DISABLED
-        if self.phase is Phase.SLOWING and (
-            abs(speed) < self._timing.standstill_speed or time >= self._phase_end
-        ):
+        if self.phase is Phase.SLOWING and (abs(speed) < _STANDSTILL_SPEED or time >= self._phase_end):
             if self._stays:
                 self.phase = Phase.STAYING
             else:
@@ -216,11 +202,9 @@ class DriveStateMachine:
         elif self.phase is Phase.RELEASING and time >= self._phase_end:
             self.phase = Phase.RUNNING
             self.brake_open = True
-        elif self.phase is Phase.CLOSING and time >= self._phase_end:
-            self.phase = Phase.OFF
-            self.brake_open = False
-            self.state = self._next_state
-        elif self.phase is Phase.COASTING and time >= self._phase_end:
+        elif self.phase in (Phase.CLOSING, Phase.COASTING) and time >= self._phase_end:
+            if self.phase is Phase.CLOSING:
+                self.state = self._next_state
             self.phase = Phase.OFF
             self.brake_open = False
 
@@ -235,7 +219,7 @@ class DriveStateMachine:
         elif self.state is State.SWITCHED_ON and word & _ENABLE_OPERATION and may_operate:
             self.state = State.OPERATION_ENABLED
             self.phase = Phase.RELEASING
-            self._phase_end = time + self._timing.brake_open_delay
+            self._phase_end = time + self._brake.open_delay
 
     def _leave_operation(self, word: int, time: float) -> None:
         command = word & Command.ENABLE_OPERATION
@@ -272,21 +256,21 @@ class DriveStateMachine:
         self._next_state = next_state
         if self.phase in (Phase.RUNNING, Phase.STAYING):
             self.phase = Phase.SLOWING
-            longest = self._timing.quick_stop_time
-            self._phase_end = time + (longest / _SLOW_DOWN if ramp == SLOW_DOWN_RAMP else longest)
+            share = _SLOW_DOWN if ramp == SLOW_DOWN_RAMP else 1.0
+            self._phase_end = time + self._stop_time / share
         elif self.phase is Phase.RELEASING:
             self._close_brake(time)
 
     def _close_brake(self, time: float) -> None:
         if self.phase is not Phase.CLOSING:
             self.phase = Phase.CLOSING
-            self._phase_end = time + self._timing.brake_close_delay
+            self._phase_end = time + self._brake.close_delay
 
     def _cut_power(self, state: State, time: float) -> None:
         self.state = state
         if self.brake_open:
             # a brake that was closing already goes on doing so
-            end = time + self._timing.brake_close_delay
+            end = time + self._brake.close_delay
             self._phase_end = min(end, self._phase_end) if self.phase is Phase.CLOSING else end
             self.phase = Phase.COASTING
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,7 @@ class LoadCellEmulator(EmulatedNode):
             (0x6125, 1): self._autozero,
             (0x6131, 1): self._check_unit,
             (0x6132, 1): self._set_decimal_digits,
-            (0x9124, 1): self._write_input_offset,
+            (0x9124, 1): partial(setattr, self, "_input_offset"),
         }
 
     def drift(self, rate: float) -> None:
@@ -133,6 +134,3 @@ class LoadCellEmulator(EmulatedNode):
         self._input_offset = round(self._input_offset * before * 10.0**digits)
         self._span_start = -_SPAN_BELOW_ZERO * 10**digits
         self._span_end = _SPAN * 10**digits
-
-    def _write_input_offset(self, value: int) -> None:
-        self._input_offset = value

@@ -201,17 +201,15 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
                 return
             command = NmtCommand(data[0])
             time = self._machine.time_at(timestamp)
-            self._change_nmt_state(_NMT_STATES[command], time)
+            state = _NMT_STATES[command]
+            if self.nmt_state is NmtState.OPERATIONAL and state is not NmtState.OPERATIONAL:
+                self.connection_lost(EmergencyCode.COMMUNICATION, time)
+            self.nmt_state = state
             if command is NmtCommand.RESET_NODE:
                 self.restart(time)
                 self._boot(first_kept_index=0x10000)
             elif command is NmtCommand.RESET_COMMUNICATION:
                 self._boot(first_kept_index=0x2000)
-
-    def _change_nmt_state(self, state: NmtState, time: float) -> None:
-        if self.nmt_state is NmtState.OPERATIONAL and state is not NmtState.OPERATIONAL:
-            self.connection_lost(EmergencyCode.COMMUNICATION, time)
-        self.nmt_state = state
 
     def _send(self, can_id: int, data: bytes) -> None:
         if self.disconnected:

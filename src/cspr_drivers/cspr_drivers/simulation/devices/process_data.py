@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import can
 
@@ -10,6 +11,7 @@ from cspr_drivers.bus.can_bus import CyclicFrame
 from cspr_drivers.simulation.devices.pdo_configuration import ActivePdo
 
 
+@dataclass
 class ReceivePdo:
     """A PDO that the master sends.
 
@@ -21,13 +23,10 @@ class ReceivePdo:
         One for each of its objects, in their order.
     """
 
-    def __init__(self, pdo: ActivePdo, writers: tuple[Callable[[int], None], ...]) -> None:
-        self.synchronous = pdo.synchronous
-        self.writers = writers
-        self._layout = pdo.layout
-        self._event_timer = pdo.event_timer
-        self._last_time: float | None = None
-        self._pending: tuple[int, ...] | None = None
+    pdo: ActivePdo
+    writers: tuple[Callable[[int], None], ...]
+    _last_time: float | None = field(default=None, init=False)
+    _pending: tuple[int, ...] | None = field(default=None, init=False)
 
     def receive(self, data: bytearray, time: float) -> tuple[int, ...] | None:
         """Take a frame at a time, s; return its values, `None` when they wait for the next SYNC.
@@ -37,9 +36,9 @@ class ReceivePdo:
         FrameError
             If the frame does not have the length of the mapped objects.
         """
-        values = self._layout.decode(data)
+        values = self.pdo.layout.decode(data)
         self._last_time = time
-        if not self.synchronous:
+        if not self.pdo.synchronous:
             return values
         self._pending = values
         return None
@@ -51,7 +50,8 @@ class ReceivePdo:
 
     def overdue(self, time: float) -> bool:
         """Return, once, whether the frame has failed to come within its event timer by a time, s."""
-        if not self._event_timer or self._last_time is None or time - self._last_time <= self._event_timer:
+        timer = self.pdo.event_timer
+        if not timer or self._last_time is None or time - self._last_time <= timer:
             return False
         self._last_time = None  # watched again from the next frame on
         return True
@@ -84,11 +84,8 @@ class TransmitPdo:
         """Return the frame that a SYNC asks for, if any."""
         if not self.synchronous:
             return None
-        self._syncs += 1
-        if self._syncs < self._every:
-            return None
-        self._syncs = 0
-        return self._frame(self._data())
+        self._syncs = (self._syncs + 1) % self._every
+        return None if self._syncs else self._frame(self._data())
 
     def on_event(self, time: float) -> can.Message | None:
         """Return the frame to send at a time, s, because a value has changed or the event timer ran out."""
