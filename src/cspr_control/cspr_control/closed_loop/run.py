@@ -139,10 +139,11 @@ def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:
     for time, mass in scenario.loads():
         stamp = player.start_time + round(time * 1e9)
         loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
+    lasts = (player.end_time - player.start_time) * 1e-9
+    if scenario.duration is not None:
+        lasts = min(lasts, scenario.duration)
     for planned in scenario.faults:
         order = loop.machine.faults.read(planned.fault)
-        lasts = (player.end_time - player.start_time) * 1e-9
-        lasts = min(lasts, lasts if scenario.duration is None else scenario.duration)
         if planned.time > lasts + _SETTLING:
             raise ClosedLoopError(
                 f"{planned.fault} at {planned.time:g} s would come too late: the trajectory is over after {lasts:g} s"
