@@ -237,14 +237,13 @@ def _solve(
     limits = weights, deviation, limit, misfit, positive_integer("max_iterations", max_iterations)
     outputs = position, rotation, error, jacobian, status, converged, slack
 
-    def solve(first: int, end: int) -> None:
+    def solve(first: int, end: int) -> tuple[int, int]:
         part = slice(first, end)
         own = guesses if count == 1 else (guesses[0][part], guesses[1][part])
         arguments: list[Any] = [*starting, targets[part], guided, *own, *limits, *(x[part] for x in outputs)]
-        done.append(kernels.forward_at_poses(*arguments))
+        return kernels.forward_at_poses(*arguments)
 
-    done: list[tuple[int, int]] = []
-    in_chunks(solve, n, threads, _LEAST_PER_THREAD)
+    done = in_chunks(solve, n, threads, _LEAST_PER_THREAD)
     if any(failed < 0 for failed, _ in done):
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
     failures, iterations = sum(failed for failed, _ in done), max(most for _, most in done)

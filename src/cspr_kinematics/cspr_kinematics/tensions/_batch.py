@@ -43,7 +43,6 @@ def distribute_batch(
     tensions: FloatArray,
     feasible: BoolArray,
     residual: FloatArray,
-    residual_wrench: FloatArray,
     margin: FloatArray,
     active: NDArray[np.int8],
     status: NDArray[np.int64],
@@ -65,7 +64,7 @@ def distribute_batch(
         Nothing is written for a singular wrench matrix, but its status.
     feasible : numpy.ndarray of bool, shape (n,)
     residual, margin, separation : numpy.ndarray, shape (n,)
-    residual_wrench, direction : numpy.ndarray, shape (n, 6)
+    direction : numpy.ndarray, shape (n, 6)
     active : numpy.ndarray of int8, shape (n, m)
     status, steps : numpy.ndarray of int, shape (n,)
         A `TensionStatus`, or SINGULAR.
@@ -103,7 +102,7 @@ def distribute_batch(
         if status[k] == INFEASIBLE:
             gap = separating_direction_kernel(a, b, low, high, t, weights, direction[k])
             separation[k] = gap if gap > 0.0 else np.nan
-        residual[k], margin[k] = _assess(a, b, low, high, t, residual_wrench[k], active[k])
+        residual[k], margin[k] = _assess(a, b, low, high, t, active[k])
         feasible[k] = margin[k] >= 0.0 and status[k] == EXACT and residual[k] <= reached_kernel(b)
         finite &= np.isfinite(residual[k])
     return singular, finite
@@ -116,17 +115,15 @@ def _assess(
     t_min: FloatArray,
     t_max: FloatArray,
     tensions: FloatArray,
-    residual_wrench: FloatArray,
     active: NDArray[np.int8],
 ) -> tuple[float, float]:
-    """Write wrench error (6,) and active limits (m,) of tensions; return the error's norm and their margin."""
+    """Write the active limits (m,) of tensions; return the norm of their wrench error and their margin."""
     m = tensions.shape[0]
     squared = 0.0
     for row in range(6):
         error = -w[row]
         for i in range(m):
             error += A[row, i] * tensions[i]
-        residual_wrench[row] = error
         squared += error * error
     margin = np.inf
     for i in range(m):

@@ -147,13 +147,8 @@ def _mixed(
     feasible = np.asarray(all(bool(result.feasible) for result in results))
     residual, margin = np.asarray(np.linalg.norm(error)), np.asarray(min(below.min(), above.min()))
     active = np.asarray(above <= 0.0).astype(np.int8) - np.asarray(below <= 0.0).astype(np.int8)
-    for array in (tensions, feasible, residual, error, margin, active):
+    for array in (tensions, feasible, residual, margin, active):
         array.setflags(write=False)
     return last._replace(
-        tensions=tensions,
-        feasible=feasible,
-        residual=residual,
-        residual_wrench=error,
-        margin=margin,
-        active=active,
+        tensions=tensions, feasible=feasible, residual=residual, margin=margin, active=active
     )

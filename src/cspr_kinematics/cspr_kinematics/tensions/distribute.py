@@ -103,16 +103,14 @@ def distribute_tensions(
     shape, n = (*batch, m), math.prod(batch)
     problem = _stacked(A, batch, 6, m), _stacked(w, batch, 6), *_limits(t_min, t_max, shape)
     preferences = _per_cable("reference", reference, shape), _checked_weights(weights)
-    answer: list[Any] = [np.empty((n, m)), np.empty(n, np.bool_), np.empty(n), np.empty((n, 6)), np.empty(n)]
+    answer: list[Any] = [np.empty((n, m)), np.empty(n, np.bool_), np.empty(n), np.empty(n)]
     answer += [np.empty((n, m), np.int8), status := np.empty(n, np.int64), np.empty(n, np.int64)]
     answer += [np.empty((n, 6)), np.empty(n)]
 
-    def work(first: int, after_last: int) -> None:
-        done.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
+    def work(first: int, after_last: int) -> tuple[int, bool]:
+        return distribute_batch(code, *problem, *preferences, first, after_last, *answer)
 
-    done: list[tuple[int, bool]] = []
-    in_chunks(work, n, threads, _LEAST_PER_THREAD)
-    for singular, finite in done:
+    for singular, finite in in_chunks(work, n, threads, _LEAST_PER_THREAD):
         if singular or not finite:
             checked("wrench", w)
             checked("wrench_matrix", A)

@@ -21,8 +21,6 @@ class TensionResult(NamedTuple):
         Whether the tensions lie in [t_min, t_max] and give the wrench (within 1e-6 of its norm).
     residual : numpy.ndarray, shape (...)
         Norm of the wrench error A t - w; N and N m count alike, as with a lever of 1 m.
-    residual_wrench : numpy.ndarray, shape (..., 6)
-        The wrench error A t - w itself, N and N m.
     margin : numpy.ndarray, shape (...)
         Distance of the tensions from the nearest limit, N; negative if one is violated, by that much.
     active : numpy.ndarray of int8, shape (..., m)
@@ -41,7 +39,6 @@ class TensionResult(NamedTuple):
     tensions: FloatArray
     feasible: BoolArray
     residual: FloatArray
-    residual_wrench: FloatArray
     margin: FloatArray
     active: NDArray[np.int8]
     status: NDArray[np.int64]
