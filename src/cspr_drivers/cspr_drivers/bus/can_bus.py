@@ -17,9 +17,9 @@ import can
 import canopen
 
 from cspr_drivers.bus.socketcan_bus import GONE, error_frame_text, is_bus_off
-from cspr_drivers.canopen.frame_table import SYNC_COB_ID
+from cspr_drivers.canopen.frame_table import SYNC_COB_ID, FunctionCode, cob_id
 from cspr_drivers.clock import COMPUTER, Clock
-from cspr_drivers.errors import FrameError
+from cspr_drivers.errors import BusError, FrameError
 
 FrameHandler = Callable[[bytes | bytearray, float], None]
 SyncHandler = Callable[[float, int], None]
@@ -290,22 +290,32 @@ class CanPorts:
             with lock:
                 handler(now, stamp)
 
-    def hear(self, cob_id: int, wait: float) -> str:
-        """Return on which bus a frame of a COB-ID comes first, or an empty text if none comes for a time, s."""
+    def require_no_driver(self, node_id: int, wait: float) -> None:
+        """Listen for a time, s, whether a driver is active on a bus.
+
+        Raises
+        ------
+        BusError
+            As soon as its heartbeat, as node `node_id`, is seen.
+        """
+        identifier = cob_id(FunctionCode.HEARTBEAT, node_id)
         heard: SimpleQueue[str] = SimpleQueue()
 
         def note(bus: str, *_frame: object) -> None:
             heard.put(bus)
 
         for port in self:
-            port.subscribe(cob_id, partial(note, port.name))
+            port.subscribe(identifier, partial(note, port.name))
         try:
-            return heard.get(timeout=wait)
+            bus = heard.get(timeout=wait)
         except Empty:
-            return ""
+            return
         finally:
             for port in self:
-                port.unsubscribe(cob_id)
+                port.unsubscribe(identifier)
+        raise BusError(
+            f"a driver is active on the CAN bus {bus}: its heartbeat as node {node_id} was seen; stop it first"
+        )
 
     def close(self) -> None:
         """Close all buses."""

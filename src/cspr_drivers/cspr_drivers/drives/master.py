@@ -24,7 +24,7 @@ from cspr_drivers.drives.home_position import store_home
 from cspr_drivers.drives.report import DriveReport, MotorStates
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.torque_frames import Frame
-from cspr_drivers.errors import BusError, ConfigurationError, DeviceError
+from cspr_drivers.errors import ConfigurationError, DeviceError
 from cspr_msgs_py.vocabulary import DriverState
 
 _HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
@@ -95,12 +95,8 @@ class DriveMaster:
         BusError
             If another driver is active on one of the buses.
         """
-        node = self.config.master_node_id
         wait = self._clock.on_computer(1.5 * self.config.timeouts.heartbeat_producer)
-        if bus := self._ports.hear(cob_id(FunctionCode.HEARTBEAT, node), wait):
-            raise BusError(
-                f"another driver is active on the CAN bus {bus}: its heartbeat as node {node} was seen"
-            )
+        self._ports.require_no_driver(self.config.master_node_id, wait)
         self._started = True
         for port, identifier, handler in self._handlers():
             port.subscribe(identifier, handler)

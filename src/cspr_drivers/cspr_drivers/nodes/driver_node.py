@@ -68,15 +68,13 @@ class DriverNode(LifecycleNode, Generic[_Master]):
     def __init__(
         self,
         config: CanConfig | None = None,
-        ports: SharedPorts | CanPorts | None = None,
+        ports: SharedPorts | None = None,
         clock: Clock = COMPUTER,
         **options: Any,
     ) -> None:
         super().__init__(self.name, **options)
         self.config = load_config(self) if config is None else config
-        self.shared_ports = (
-            ports if isinstance(ports, SharedPorts) else SharedPorts(self.config, ports, clock)
-        )
+        self.shared_ports = SharedPorts(self.config, clock) if ports is None else ports
         self.active = False
         autostart = declare(self, AUTOSTART)
         self._ports: CanPorts | None = None
