@@ -27,13 +27,15 @@ from tests.messages import (
 from cspr_control.errors import ControlError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
 from cspr_control.nodes.control import create_control_nodes
-from cspr_control.nodes.feedforward import FeedforwardNode
-from cspr_control.nodes.mass_estimator import MassEstimatorNode
+from cspr_control.nodes.control_nodes import (
+    FeedforwardNode,
+    MassEstimatorNode,
+    PoseEstimatorNode,
+    SupervisorNode,
+    TrajectoryPublisher,
+)
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.pose_estimator import PoseEstimatorNode
-from cspr_control.nodes.supervisor import SupervisorNode
-from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_control.reference.paper import paper_19
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
