@@ -21,9 +21,9 @@ from rosbags.rosbag2 import Reader
 
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile, Compression, Split
 from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic, parse_offered_qos
-from cspr_msgs_py.bag.reader import Bag, BagWarning
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.bag.writer import FLUSH_PERIOD, BagWriter
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.errors import BagError, BagWarning
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.topics import JOINT_STATE, MOTOR_STATES
 
@@ -217,7 +217,7 @@ import os, resource, sys
 from cspr_msgs_py.bag.bag_file import BagFile, Compression
 from cspr_msgs_py.bag.writer import BagWriter
 from cspr_msgs_py.bag.metadata import RecordedTopic
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.errors import BagError, BagWarning
 directory, limit = sys.argv[1], int(sys.argv[2])
 if limit:
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))

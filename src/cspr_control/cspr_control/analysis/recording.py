@@ -18,8 +18,10 @@ from cspr_control.analysis.timeline import Span, Timeline, read_timeline
 from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates, Poses, References
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.bag.columns import Inertias, JointStates, Poses, References
+from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.errors import BagError, BagWarning
+from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Controller, controller_label
 
 Floats = NDArray[np.float64]
@@ -204,30 +206,31 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
     configuration, notes = read_configuration(bag.attachments, path, robot_file, directory)
     remarks = list(notes)
 
-    def optional(topic: str, read: Callable[[str], T], purpose: str) -> T | None:
-        if counts.get(topic):
-            return read(topic)
-        remarks.append(f"{path} has no messages on {topic}: {purpose}")
+    def optional(topic: Topic, read: Callable[[str], T], purpose: str) -> T | None:
+        if counts.get(topic.name):
+            return read(topic.name)
+        remarks.append(f"{path} has no messages on {topic.name}: {purpose}")
         return None
 
-    states = _sorted(bag.joint_states(topics.MOTOR_STATES.name))
+    def joints(topic: str) -> JointStates:
+        return _sorted(bag.joint_states(topic))
+
+    states = joints(topics.MOTOR_STATES.name)
     m = configuration.robot.number_of_cables
     if states.position.shape[1] != m:
         raise ControlError(
             f"{path}: {topics.MOTOR_STATES.name} is of {states.position.shape[1]} motors, "
             f"{configuration.robot_file} describes {m}: name the robot that was recorded with --robot FILE"
         )
-    setpoints = optional(
-        topics.SETPOINT.name, lambda t: _sorted(bag.joint_states(t)), "no motor position and velocity errors"
-    )
-    tensions = optional(
-        topics.CABLE_TENSIONS.name, lambda t: _sorted(bag.joint_states(t)), "no measured tensions"
-    )
+    setpoints = optional(topics.SETPOINT, joints, "no motor position and velocity errors")
+    tensions = optional(topics.CABLE_TENSIONS, joints, "no measured tensions")
     references = optional(
-        topics.REFERENCE.name, lambda t: _sorted(bag.references(t)), "no tensions of the model"
+        topics.REFERENCE, lambda topic: _sorted(bag.references(topic)), "no tensions of the model"
     )
     poses = optional(
-        topics.PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was"
+        topics.PLATFORM_POSE,
+        lambda topic: _sorted(bag.poses(topic)),
+        "the platform is not shown where it was",
     )
     clock = RobotClock(states)
 
@@ -235,8 +238,8 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
         payload = bag.inertias(topic)
         return replace(payload, log_time_ns=clock(payload.log_time_ns))
 
-    estimate = optional(topics.PAYLOAD.name, arrived, "no estimated payload")
-    truth = optional(topics.SIMULATED_PAYLOAD.name, arrived, "the true payload is not known")
+    estimate = optional(topics.PAYLOAD, arrived, "no estimated payload")
+    truth = optional(topics.SIMULATED_PAYLOAD, arrived, "the true payload is not known")
     return Recording(
         path,
         configuration,

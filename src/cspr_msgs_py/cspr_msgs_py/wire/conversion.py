@@ -54,19 +54,19 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
     return JointStateSample(nanoseconds(message.header.stamp), **fields)
 
 
-def decode_joint(codec: JointStateCodec, buffer: Bytes, index: int) -> JointSample:
-    """Decode one joint, by its index in `codec`, of a JointState of any layout.
+def decode_joint(codec: JointStateCodec, buffer: Bytes) -> JointSample:
+    """Decode the first joint of `codec` of a JointState of any layout.
 
     Raises
     ------
     MessageError
         As `decode_joint_state`.
     """
-    joint = codec.decode_joint(buffer, index)
+    joint = codec.decode_joint(buffer)
     if joint is not None:
         return joint
     stamp_ns, *fields = decode_joint_state(codec, buffer)
-    return JointSample(stamp_ns, *(float(f[index]) if f.size else math.nan for f in fields))
+    return JointSample(stamp_ns, *(float(f[0]) if f.size else math.nan for f in fields))
 
 
 def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:

@@ -163,20 +163,19 @@ class JointStateCodec(Frame):
             _NONE if effort is None else np.frombuffer(data, _DOUBLE, count, effort),
         )
 
-    def decode_joint(self, buffer: Bytes, index: int) -> JointSample | None:
-        """Return one joint of a message, NaN for fields that it does not carry, or None for another layout.
+    def decode_joint(self, buffer: Bytes) -> JointSample | None:
+        """Return the first joint of a message, NaN for fields that it does not carry, or None for another layout.
 
-        It costs half of `decode`: each motor controller wants one motor of all, twice a cycle.
+        It costs half of `decode`, and the commands of the motors are of one joint each.
         """
         if not self.matches(buffer):
             return None
-        shift = 8 * index
         position, velocity, effort = self._field_offsets
         return JointSample(
             unpack_time(buffer, self._stamp_offset),
-            math.nan if position is None else _ONE_DOUBLE(buffer, position + shift)[0],
-            math.nan if velocity is None else _ONE_DOUBLE(buffer, velocity + shift)[0],
-            math.nan if effort is None else _ONE_DOUBLE(buffer, effort + shift)[0],
+            math.nan if position is None else _ONE_DOUBLE(buffer, position)[0],
+            math.nan if velocity is None else _ONE_DOUBLE(buffer, velocity)[0],
+            math.nan if effort is None else _ONE_DOUBLE(buffer, effort)[0],
         )
 
     @classmethod
