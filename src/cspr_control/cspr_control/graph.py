@@ -71,6 +71,8 @@ class ControlGraph:
         By name.
     inputs
         Topics that some component hears, by name.
+    services
+        The commands that `call` takes, by name.
     """
 
     def __init__(
@@ -83,7 +85,7 @@ class ControlGraph:
         self._heard_instead = heard_instead or {}
         self._routes: dict[str, list[Callable[[float, Any], Outputs]]] = {}
         self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
-        self._services: dict[str, Any] = {}
+        self.services: dict[str, Any] = {}
         self._due: list[_Due] | None = None
         for component in components:
             self.add(component)
@@ -91,7 +93,7 @@ class ControlGraph:
     def add(self, component: Component) -> tuple[Topic, ...]:
         """Wire one more component; returns the topics that nobody has heard before it."""
         self.components[component.name] = component
-        self._services |= component.services()
+        self.services |= component.services()
         new = []
         for own in component.inputs:
             topic = self._heard_instead.get((component.name, own.name), own)
@@ -101,11 +103,6 @@ class ControlGraph:
             self._routes.setdefault(topic.name, []).append(component.handler(own))
             self._listeners.setdefault(topic.name, []).append((component, own))
         return tuple(new)
-
-    @property
-    def services(self) -> tuple[str, ...]:
-        """Names of the commands that `call` takes."""
-        return tuple(self._services)
 
     def handlers(self, topic: Topic) -> Sequence[Callable[[float, Any], Outputs]]:
         """Return what takes the samples of a topic, one for each component that hears it, in their order.
@@ -161,7 +158,7 @@ class ControlGraph:
 
     def call(self, now: float, service: str) -> tuple[Decision, list[Output]]:
         """Give a command to the component whose service it is; raises KeyError for another's."""
-        decision, outputs = self._services[service](now)
+        decision, outputs = self.services[service](now)
         return decision, self._through(outputs, now)
 
     def answered(self, now: float, call: Call, accepted: bool, message: str) -> list[Output]:

@@ -43,7 +43,7 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.vocabulary import DriverState, Level, PayloadSource, RobotState
-from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state import JointStateCodec, JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 COUNT = 8
@@ -655,8 +655,8 @@ def test_supervisor_says_that_nobody_answers(bench, robot):
     states = bench.listen(topics.ROBOT_STATE)
     now = time.monotonic()
     checks = node.component.supervisor.checks
-    checks.observe_motors(now, STAMP, ZERO, ZERO, ZERO)
-    checks.observe_setpoint(now, STAMP, ZERO, ZERO)
+    checks.observe_motors(now, JointStateSample(STAMP, ZERO, ZERO, ZERO))
+    checks.observe_setpoint(now, JointStateSample(STAMP, ZERO, ZERO, ZERO))
     checks.observe_tensions(now, np.full(COUNT, 400.0))
     checks.observe_pose(now, robot.home.position)
     node.component.supervisor.observe_drives(now, DriverState.DISABLED)

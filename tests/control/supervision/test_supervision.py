@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,12 +8,15 @@ from cspr_control.errors import SettingError
 from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
 from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.supervisor import Action, Supervisor
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.joint_state import JointStateSample
 
 COUNT = 8
 PAY_OUT = 0.002  # m/rad
 STEP = 0.02
 LIMITS = SupervisionLimits(
+    max_ages={source: defaults("supervisor")[f"max_age.{source.name.lower()}"] for source in MonitoredInput},
     following_error=1.0,
     following_error_time=0.1,
     tension_min=50.0,
@@ -65,10 +69,11 @@ class Rig:
         stamp = round(self.time * 1e9)
         checks = self.supervisor.checks
         if MonitoredInput.MOTOR_STATES not in self.silent:
-            checks.observe_motors(self.time, stamp, self.angles, self.speeds, self.torques)
+            checks.observe_motors(self.time, JointStateSample(stamp, self.angles, self.speeds, self.torques))
         if MonitoredInput.SETPOINT not in self.silent:
             # For the next cycle, at 2 rad/s: at the time of the state the desired angle is zero.
-            checks.observe_setpoint(self.time, stamp + 4_000_000, np.full(COUNT, 0.008), np.full(COUNT, 2.0))
+            ahead = np.full(COUNT, 0.008), np.full(COUNT, 2.0), np.zeros(COUNT)
+            checks.observe_setpoint(self.time, JointStateSample(stamp + 4_000_000, *ahead))
         if MonitoredInput.CABLE_TENSIONS not in self.silent:
             noise = self.noise.uniform(-2.0, 2.0, COUNT)
             checks.observe_tensions(self.time, np.where(self.stuck, self.tensions, self.tensions + noise))
@@ -544,4 +549,4 @@ def test_lasting_violation_is_per_member():
 )
 def test_limits_are_checked(limit):
     with pytest.raises(SettingError, match=next(iter(limit))):
-        SupervisionLimits(**limit)
+        replace(LIMITS, **limit)

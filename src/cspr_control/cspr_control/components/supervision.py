@@ -102,16 +102,12 @@ class SupervisionComponent(Component):
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was measured for the next check."""
-        observe = self.supervisor.checks.observe_motors
-        self._arrived[MOTOR_STATES] = partial(
-            observe, now, sample.stamp_ns, sample.position, sample.velocity, sample.effort
-        )
+        self._arrived[MOTOR_STATES] = partial(self.supervisor.checks.observe_motors, now, sample)
         return NOTHING
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was demanded for the next check."""
-        observe = self.supervisor.checks.observe_setpoint
-        self._arrived[SETPOINT] = partial(observe, now, sample.stamp_ns, sample.position, sample.velocity)
+        self._arrived[SETPOINT] = partial(self.supervisor.checks.observe_setpoint, now, sample)
         return NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
