@@ -26,7 +26,6 @@ setup(
         "setuptools",
         "numpy",
         "scipy",
-        "ruamel.yaml",
         "matplotlib",
         "cspr_drivers",
         "cspr_kinematics",

@@ -41,7 +41,6 @@ from cspr_kinematics.tensions.result import TensionResult as TensionResult
 from cspr_kinematics.workspace.feasibility import Feasibility as Feasibility
 from cspr_kinematics.workspace.feasibility import Task as Task
 from cspr_kinematics.workspace.feasibility import assess_task as assess_task
-from cspr_kinematics.workspace.feasibility import largest_acceleration as largest_acceleration
 from cspr_kinematics.workspace.interference import Interference as Interference
 from cspr_kinematics.workspace.interference import NearestPair as NearestPair
 from cspr_kinematics.workspace.interference import cable_interference as cable_interference

@@ -21,7 +21,6 @@ from cspr_kinematics import (
     assess_task,
     available_wrenches,
     inverse_kinematics,
-    largest_acceleration,
     required_wrench,
     static_wrench,
 )
@@ -109,23 +108,6 @@ def test_payloads_of_an_accelerated_task_are_the_border_of_its_margin(machine: R
     assert largest < assess_task(machine, pose, Task(center_of_mass=CENTER)).payload_max
 
 
-def test_largest_acceleration(machine: Robot) -> None:
-    rng = np.random.default_rng(2)
-    pose = Pose.from_euler(0.5 * (machine.workspace_min + machine.workspace_max), 0.1, 0.05, -0.05)
-    A = inverse_kinematics(machine, pose).wrench_matrix
-    for payload in (None, Payload(30.0, CENTER)):
-        rest = static_wrench(machine, pose, payload)
-        for direction in (*np.eye(6), *-np.eye(6), rng.normal(size=6)):
-            moving = required_wrench(
-                machine, pose, Twist.zero(), Acceleration(direction[:3], direction[3:]), payload
-            )
-            expected = extreme(machine, A, rest, moving - rest, 1.0)
-            assert largest_acceleration(machine, pose, direction, payload) == pytest.approx(
-                expected, rel=1e-6
-            )
-    assert math.isnan(largest_acceleration(machine, pose, np.eye(6)[0], Payload(1e5, CENTER)))
-
-
 def test_threads_and_batches(robot: Robot) -> None:
     pose = poses(robot, 12)
     task = Task(0.0, 100.0, linear_acceleration=[1.0, 1.0, 1.0])
@@ -158,10 +140,5 @@ def test_task_is_checked(arguments: dict[str, object], name: str) -> None:
 
 
 def test_input_is_checked(robot: Robot) -> None:
-    for direction in (np.zeros(6), np.ones(5), np.full(6, np.nan)):
-        with pytest.raises(InvalidInputError, match="direction"):
-            largest_acceleration(robot, robot.home, direction)
-    with pytest.raises(InvalidInputError, match="pose"):
-        largest_acceleration(robot, poses(robot, 2), np.eye(6)[0])
     with pytest.raises(InvalidInputError, match="lever"):
         assess_task(robot, robot.home, lever=-1.0)
