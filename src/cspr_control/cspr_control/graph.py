@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cspr_control.components.component import Call, Component, Output, Outputs, Publication
+from cspr_control.components.component import Call, Component, Output, Outputs, Publication, Timer
 from cspr_control.components.feedforward import FeedforwardComponent
 from cspr_control.components.motor import MotorComponent
 from cspr_control.components.payload import PayloadComponent
@@ -50,8 +50,7 @@ class _Due:
     """When a timer of a component is due next, monotonic s."""
 
     time: float
-    period: float
-    run: Any
+    timer: Timer
 
 
 class ControlGraph:
@@ -134,7 +133,7 @@ class ControlGraph:
     def begin(self, now: float) -> list[Output]:
         """Return what is published before anything has arrived; timers count from here."""
         self._due = [
-            _Due(now + timer.period, timer.period, timer.run)
+            _Due(now + timer.period, timer)
             for component in self.components.values()
             for timer in component.timers()
         ]
@@ -147,8 +146,8 @@ class ControlGraph:
             return self.begin(now)
         outputs: list[Output] = []
         while (due := min(self._due, key=lambda due: due.time)).time <= now:
-            outputs += self._through(due.run(due.time), due.time)
-            due.time += due.period
+            outputs += self._through(due.timer.run(due.time), due.time)
+            due.time += due.timer.period
         return outputs
 
     @property

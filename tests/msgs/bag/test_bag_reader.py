@@ -11,7 +11,8 @@ from mcap.writer import IndexType, Writer
 from rclpy.serialization import serialize_message
 from tests.messages import diagnostic_status, inertia_stamped, pose_stamped
 
-from cspr_msgs_py.bag.bag_file import BagFile, Compression
+from cspr_msgs_py.bag.bag_file import BagFile
+from cspr_msgs_py.bag.mcap_writer import Compression
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.errors import BagError, BagWarning

@@ -5,7 +5,7 @@ by one. Messages of other layouts among them are decoded by the definition in th
 rows.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -120,21 +120,20 @@ class Collected:
             stamps[row] = nanoseconds(message.header.stamp)
         return stamps
 
-    def doubles(self, widths: Mapping[str, int], values: Callable[[Any], Sequence[float]]) -> list[Floats]:
+    def doubles(self, widths: Mapping[str, int], vectors: Callable[[Any], list[list[float]]]) -> list[Floats]:
         """Return columns of doubles (n, width) by name.
 
         Parameters
         ----------
         widths
             Their names in the layout, and how many doubles each has.
-        values
-            Returns those of a decoded message, one after the other.
+        vectors
+            Returns those of a decoded message, in the same order.
         """
         number = len(self.log_time_ns)
         columns = [self.columns.get(name, np.empty((number, width))) for name, width in widths.items()]
-        ends = np.cumsum(list(widths.values()))[:-1]
         for row, message in self.others.items():
-            for column, part in zip(columns, np.split(np.array(values(message)), ends), strict=True):
+            for column, part in zip(columns, vectors(message), strict=True):
                 column[row] = part
         return columns
 
@@ -174,14 +173,16 @@ def references(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, dec
         time_from_start += collected.columns["duration_seconds"]
     for row, message in collected.others.items():
         time_from_start[row] = nanoseconds(message.points[0].time_from_start) / NANOSECONDS
-    motion = collected.doubles(VECTORS, lambda message: _motion(message.points[0]))
+    motion = collected.doubles(VECTORS, lambda message: motion(message.points[0], 0))
     return References(start_ns, collected.stamps, collected.log_time_ns, time_from_start, *motion)
 
 
 def poses(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, decode: Decode) -> Poses:
     """Return PoseStamped messages as columns."""
     collected = Collected(blocks, capacity, lambda data: StampedDoublesCodec.of(data, POSE), decode)
-    columns = collected.doubles(POSE, lambda message: _pose(message.pose))
+    columns = collected.doubles(
+        POSE, lambda message: [vector(message.pose.position), quaternion(message.pose.orientation)]
+    )
     return Poses(start_ns, collected.stamps, collected.log_time_ns, *columns)
 
 
@@ -219,18 +220,6 @@ def _shortened(column: NDArray[Any], count: int) -> NDArray[Any]:
     return column if count == len(column) else column[:count].copy()
 
 
-def _pose(pose: Any) -> list[float]:
-    return vector(pose.position) + quaternion(pose.orientation)
-
-
-def _motion(point: Any) -> list[float]:
-    transform = point.transforms[0]
-    motion = vector(transform.translation) + quaternion(transform.rotation)
-    for twists in (point.velocities, point.accelerations):  # which a point need not have
-        motion += vector(twists[0].linear) + vector(twists[0].angular) if twists else [np.nan] * 6
-    return motion
-
-
-def _inertia(inertia: Any) -> list[float]:
+def _inertia(inertia: Any) -> list[list[float]]:
     moments = [inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz]
-    return [inertia.m, *vector(inertia.com), *moments]
+    return [[inertia.m], vector(inertia.com), moments]

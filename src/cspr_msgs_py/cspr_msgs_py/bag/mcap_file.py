@@ -240,7 +240,9 @@ class McapFile:
                 with suppress(Exception):  # a damaged one; who needs it will miss it by name
                     self._take(opcode, data[content:end])
             elif opcode == Opcode.DATA_END:
-                self._count_unindexed()
+                for region in self.regions:  # chunks that were written without an index
+                    if not region.counts:
+                        self._count(region)
             offset = end
 
     def _next_chunk(self, offset: int) -> int | None:
@@ -274,12 +276,6 @@ class McapFile:
         elif opcode == Opcode.METADATA:
             metadata = Metadata.read(stream)
             self.metadata[metadata.name] = metadata.metadata
-
-    def _count_unindexed(self) -> None:
-        """Count the messages of chunks that were written without an index."""
-        for region in self.regions:
-            if not region.counts:
-                self._count(region)
 
     def _index_contents(self) -> None:
         """Collect channels and counts from inside the chunks where the file's own lists are missing."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cspr_msgs_py.bag.bag_file import RECORDING, Attachment, BagFile, Compression
+from cspr_msgs_py.bag.bag_file import RECORDING, Attachment, BagFile
 from cspr_msgs_py.bag.mcap_file import McapFile
 from cspr_msgs_py.bag.metadata import RecordedTopic, parse_offered_qos
 from cspr_msgs_py.bag.reader import Bag
@@ -100,7 +100,6 @@ def _begin(bag: Bag, output: str | os.PathLike[str]) -> BagFile:
         output,
         bag.metadata.get(RECORDING, {}),
         [Attachment(name, data) for name, data in bag.attachments.items()],
-        Compression.ZSTD,
         start_ns=bag.start_ns,
     )
 

@@ -15,7 +15,8 @@ from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from cspr_msgs_py.bag.bag_file import LOST, Attachment, BagFile, Compression, Split
+from cspr_msgs_py.bag.bag_file import LOST, Attachment, BagFile
+from cspr_msgs_py.bag.mcap_writer import Compression
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.bag.writer import BagWriter
@@ -226,7 +227,8 @@ def _create_bag(values: Mapping[str, Any]) -> BagFile:
         [Attachment.from_file(path) for path in attached],
         Compression(values["compression"]),
         start_ns=time.time_ns(),
-        split=Split(round(values["split_size"] * _MEGABYTE), round(values["split_duration"] * NANOSECONDS)),
+        split_size=round(values["split_size"] * _MEGABYTE),
+        split_duration=round(values["split_duration"] * NANOSECONDS),
     )
 
 

@@ -18,7 +18,7 @@ from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.topics import BASE_FRAME, PLATFORM_FRAME
 from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes
 from cspr_msgs_py.wire.joint_state import FIELDS, JointSample, JointStateCodec, JointStateSample
-from cspr_msgs_py.wire.message_values import nanoseconds, quaternion, vector
+from cspr_msgs_py.wire.message_values import motion, nanoseconds
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 
@@ -95,18 +95,10 @@ def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
             raise MessageError(
                 f"reference has {len(getattr(point, field))} {field} for {len(message.joint_names)} joints"
             )
-    transform = point.transforms[joint]
-    velocity = point.velocities[joint]
-    acceleration = point.accelerations[joint]
     return ReferenceSample(
         nanoseconds(message.header.stamp),
         nanoseconds(point.time_from_start) / NANOSECONDS,
-        _read_only(vector(transform.translation)),
-        _read_only(quaternion(transform.rotation)),
-        _read_only(vector(velocity.linear)),
-        _read_only(vector(velocity.angular)),
-        _read_only(vector(acceleration.linear)),
-        _read_only(vector(acceleration.angular)),
+        *map(_read_only, motion(point, joint)),
     )
 
 
