@@ -15,7 +15,7 @@ from cspr_msgs_py.bag.columns import Floats, Inertias, JointStates, Messages, Po
 from cspr_msgs_py.bag.message_block import MessageBlock
 from cspr_msgs_py.wire.cdr import NANOSECONDS, Frame
 from cspr_msgs_py.wire.joint_state import FIELDS, JointStateCodec
-from cspr_msgs_py.wire.message_values import nanoseconds, quaternion, vector
+from cspr_msgs_py.wire.message_values import motion, nanoseconds, quaternion, vector
 from cspr_msgs_py.wire.reference import VECTORS, ReferenceCodec
 from cspr_msgs_py.wire.stamped_doubles import INERTIA, POSE, StampedDoublesCodec
 
@@ -173,8 +173,8 @@ def references(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, dec
         time_from_start += collected.columns["duration_seconds"]
     for row, message in collected.others.items():
         time_from_start[row] = nanoseconds(message.points[0].time_from_start) / NANOSECONDS
-    motion = collected.doubles(VECTORS, lambda message: motion(message.points[0], 0))
-    return References(start_ns, collected.stamps, collected.log_time_ns, time_from_start, *motion)
+    columns = collected.doubles(VECTORS, lambda message: motion(message.points[0], 0))
+    return References(start_ns, collected.stamps, collected.log_time_ns, time_from_start, *columns)
 
 
 def poses(blocks: Iterable[MessageBlock], capacity: int, start_ns: int, decode: Decode) -> Poses:
