@@ -81,7 +81,7 @@ class Rig:
             checks.observe_pose(self.time, self.position)
         if MonitoredInput.DRIVE_STATES not in self.silent:
             self.supervisor.observe_drives(self.time, self.drives, self.cause)
-        self.supervisor.observe_trajectory(self.phase)
+        self.supervisor.phase = self.phase
 
     def enabled(self):
         self.step()
@@ -377,7 +377,7 @@ def test_brakes_that_hold_contradict_no_load_cell(rig):
 
 def test_a_recording_that_fails_stops_the_robot_once(rig):
     rig.enabled()
-    rig.supervisor.observe_recording("no space left on device")
+    rig.supervisor.recording_problem = "no space left on device"
     rig.assert_controlled_stop(rig.step(), FaultKind.RECORDING, "no space left")
     assert rig.supervisor.reset(rig.time).accepted
     rig.step(0.1)
@@ -387,14 +387,14 @@ def test_a_recording_that_fails_stops_the_robot_once(rig):
 
 def test_a_load_cell_that_its_driver_finds_faulty_stops_the_robot_along_its_path(rig):
     rig.enabled()
-    rig.supervisor.observe_load_cells("cable_3: silent")
+    rig.supervisor.load_cell_problem = "cable_3: silent"
     rig.assert_controlled_stop(rig.step(), FaultKind.LOAD_CELL, "cable_3: silent")
 
 
 def test_a_fault_that_ends_a_stop_along_the_path_is_named_after_the_first(rig):
     """On a dead bus the load cells may be missed a moment before the drives are."""
     rig.enabled()
-    rig.supervisor.observe_load_cells("cable_1, cable_2: silent")
+    rig.supervisor.load_cell_problem = "cable_1, cable_2: silent"
     rig.step()
     assert rig.supervisor.state is RobotState.STOPPING
     rig.drives, rig.cause = DriverState.FAULT, "all drives: silent for 104 ms"
@@ -407,17 +407,17 @@ def test_a_fault_that_ends_a_stop_along_the_path_is_named_after_the_first(rig):
 
 def test_a_faulty_load_cell_keeps_the_robot_from_being_enabled(rig):
     rig.step()
-    rig.supervisor.observe_load_cells("cable_3: not valid")
+    rig.supervisor.load_cell_problem = "cable_3: not valid"
     decision = rig.supervisor.enable(rig.time)
     assert not decision.accepted
     assert "load cells: cable_3: not valid" in decision.message
-    rig.supervisor.observe_load_cells("")
+    rig.supervisor.load_cell_problem = ""
     rig.enabled()
     assert rig.step(1.0) == []
 
 
 def test_a_recording_that_failed_before_enabling_stops_nothing(rig):
-    rig.supervisor.observe_recording("no space left on device")
+    rig.supervisor.recording_problem = "no space left on device"
     rig.enabled()
     assert rig.step(1.0) == []
 

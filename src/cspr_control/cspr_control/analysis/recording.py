@@ -135,25 +135,24 @@ class Recording:
         return found or "feed-forward not recorded"
 
 
-class RobotClock:
-    """Turns the recorder's times into those of the robot.
+def robot_clock(states: JointStates) -> Callable[[Times], Times]:
+    """Return what turns the recorder's times into those of the robot, ns.
 
     Messages carry the robot's time; a simulated robot may run slower than the wall clock. Messages without a time of
-    their own are placed by when they arrived among the motor states.
+    their own are placed by when they arrived among the motor states, outside of which the two clocks run alike.
     """
+    order = np.argsort(states.log_time_ns, kind="stable")
+    log_origin, origin = int(states.log_time_ns[order[0]]), int(states.time_ns[order[0]])
+    logs = (states.log_time_ns[order] - log_origin).astype(float)
+    times = (states.time_ns[order] - origin).astype(float)
 
-    def __init__(self, states: JointStates) -> None:
-        order = np.argsort(states.log_time_ns, kind="stable")
-        self._log_origin, self._origin = int(states.log_time_ns[order[0]]), int(states.time_ns[order[0]])
-        self._log = (states.log_time_ns[order] - self._log_origin).astype(float)
-        self._time = (states.time_ns[order] - self._origin).astype(float)
+    def robot_time(log_time_ns: Times) -> Times:
+        log = (log_time_ns - log_origin).astype(float)
+        inside = np.clip(log, logs[0], logs[-1])
+        time = np.interp(inside, logs, times) + (log - inside)
+        return np.asarray(np.rint(time).astype(np.int64) + origin)
 
-    def __call__(self, log_time_ns: Times) -> Times:
-        """Return the robot's times, ns; outside the motor states the two clocks run alike."""
-        log = (log_time_ns - self._log_origin).astype(float)
-        inside = np.clip(log, self._log[0], self._log[-1])
-        time = np.interp(inside, self._log, self._time) + (log - inside)
-        return np.asarray(np.rint(time).astype(np.int64) + self._origin)
+    return robot_time
 
 
 def find_bag(path: Path) -> Path:
@@ -232,7 +231,7 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
         lambda topic: _sorted(bag.poses(topic)),
         "the platform is not shown where it was",
     )
-    clock = RobotClock(states)
+    clock = robot_clock(states)
 
     def arrived(topic: str) -> Inertias:
         payload = bag.inertias(topic)

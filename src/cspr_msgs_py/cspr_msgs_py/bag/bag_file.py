@@ -104,7 +104,8 @@ class BagFile:
             raise BagError(f"cannot create bag {self.directory}: {error.strerror}") from error
         self._stream: FileIO | None = None
         try:
-            self._set_space_aside()
+            with self._reserve.open("wb") as reserve:
+                os.posix_fallocate(reserve.fileno(), 0, _RESERVE)
             self._open()
             self.write_metadata()
         except OSError as error:
@@ -281,7 +282,3 @@ class BagFile:
         temporary = self.directory / f".{METADATA_FILE}"
         temporary.write_text(dump({"rosbag2_bagfile_information": self._metadata()}))
         temporary.replace(self.directory / METADATA_FILE)
-
-    def _set_space_aside(self) -> None:
-        with self._reserve.open("wb") as stream:
-            os.posix_fallocate(stream.fileno(), 0, _RESERVE)
