@@ -116,7 +116,6 @@ def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
         "forward.deviation": lambda x: solve_forward_kinematics(
             robot, lengths, home, length_deviation=_required(x)
         ),
-        "forward.threads": lambda x: solve_forward_kinematics(robot, lengths, home, threads=x),
         "pose_covariance": lambda x: pose_covariance(robot, home, x),
         "Task.payload": lambda x: Task(0.0, x),
         "Task.acceleration": lambda x: Task(linear_acceleration=x),

@@ -6,7 +6,7 @@ import sys
 from functools import partial
 
 from cspr_drivers.bus.bus_load import require_fitting_load
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.nodes.driver_messages import drive_diagnostics, drive_states

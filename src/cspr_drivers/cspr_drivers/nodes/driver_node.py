@@ -11,7 +11,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
@@ -68,15 +68,13 @@ class DriverNode(LifecycleNode, Generic[_Master]):
     def __init__(
         self,
         config: CanConfig | None = None,
-        ports: SharedPorts | CanPorts | None = None,
+        ports: SharedPorts | None = None,
         clock: Clock = COMPUTER,
         **options: Any,
     ) -> None:
         super().__init__(self.name, **options)
         self.config = load_config(self) if config is None else config
-        self.shared_ports = (
-            ports if isinstance(ports, SharedPorts) else SharedPorts(self.config, ports, clock)
-        )
+        self.shared_ports = SharedPorts(self.config, clock) if ports is None else ports
         self.active = False
         autostart = declare(self, AUTOSTART)
         self._ports: CanPorts | None = None

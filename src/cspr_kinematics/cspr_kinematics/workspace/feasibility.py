@@ -16,7 +16,7 @@ from cspr_kinematics.arrays import (
     positive_number,
     single,
 )
-from cspr_kinematics.compiled import in_batch, in_chunks, kernel_input
+from cspr_kinematics.compiled import in_batch, kernel_input
 from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
@@ -103,9 +103,7 @@ class Feasibility(ReadOnlyArrays):
         return np.asarray(self.margin >= 0.0)
 
 
-def assess_task(
-    robot: Robot, pose: Pose, task: Task | None = None, *, lever: float = 1.0, threads: int = 1
-) -> Feasibility:
+def assess_task(robot: Robot, pose: Pose, task: Task | None = None, *, lever: float = 1.0) -> Feasibility:
     """Return the margin with which `task` is possible at `pose`, and the range of possible payloads.
 
     Parameters
@@ -118,8 +116,6 @@ def assess_task(
         By default, holding the empty platform at rest.
     lever : float
         Length at which a moment counts as a force in the margin, m.
-    threads : int
-        Number of threads among which a batch is divided.
 
     Raises
     ------
@@ -135,7 +131,7 @@ def assess_task(
     wrench, per_kg, box, box_per_kg = _task_wrenches(robot, pose, task)
     low, high = tension_limits(robot.tension_min, robot.tension_max, m)
     margin, payloads = np.empty(count), np.empty((count, 2))
-    problem = (
+    grid_batch(
         kernel_input(A, count, 6, m),
         low,
         high,
@@ -145,12 +141,9 @@ def assess_task(
         kernel_input(box_per_kg * moment_scale, count, 6, 6),
         task.payload_min,
         task.payload_max,
+        margin,
+        payloads,
     )
-
-    def work(first: int, after_last: int) -> None:
-        grid_batch(*problem, first, after_last, margin, payloads)
-
-    in_chunks(work, count, threads)
     smallest, largest = np.maximum(payloads[:, 0], 0.0), payloads[:, 1]
     none = ~(largest >= 0.0)
     smallest[none] = np.nan
