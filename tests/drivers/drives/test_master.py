@@ -8,7 +8,8 @@ from pathlib import Path
 import can
 import pytest
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts
+from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.errors import BusError

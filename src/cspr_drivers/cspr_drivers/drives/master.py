@@ -12,7 +12,8 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts, CyclicFrame, FrameHandler
+from cspr_drivers.bus.can_bus import CanPort, CyclicFrame, FrameHandler
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
