@@ -14,7 +14,8 @@ from cspr_control.rerun.rerun import Schedule
 from cspr_kinematics import Robot
 from cspr_kinematics.configuration.yaml_file import parse_yaml
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, JointStates
+from cspr_msgs_py.bag.columns import JointStates
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.errors import BagError, ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile, require_heard
 from cspr_msgs_py.parameters.table import parameter_values
