@@ -274,6 +274,15 @@ def test_the_default_output_lies_beside_the_bag_and_replaces_nothing(graph, tmp_
         assert (tmp_path / name / "comparison.json").is_file()
 
 
+@pytest.mark.parametrize("name", ["robot_config=x.yaml", "cpu=1"])
+def test_a_parameter_that_a_rerun_does_not_take_is_refused(bag, tmp_path, capsys, name):
+    assert rerun.main([str(bag), "--output", str(tmp_path / "out"), "--set", f"mass_estimator.{name}"]) == 1
+    assert (
+        f"mass_estimator takes no {name.partition('=')[0]} here; it takes time_constant"
+        in capsys.readouterr().err
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

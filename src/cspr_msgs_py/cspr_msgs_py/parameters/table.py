@@ -182,6 +182,9 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
 }  # fmt: skip
 """The parameters of each node; every node has those of its process besides."""
 
+OF_PROCESS = (CPU.name, REALTIME_PRIORITY.name)
+"""Parameters that say how a process runs, not what its nodes do."""
+
 _WITHOUT_PRIORITY = ("recorder", "robot_markers")  # the control loop comes first
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
