@@ -99,12 +99,12 @@ class SupervisionComponent(Component):
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was measured for the next check."""
-        self.supervisor.checks.observe_motors(now, *sample)
+        self.supervisor.checks.observe_motors(now, sample)
         return NOTHING
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was demanded for the next check."""
-        self.supervisor.checks.observe_setpoint(now, sample.stamp_ns, sample.position, sample.velocity)
+        self.supervisor.checks.observe_setpoint(now, sample)
         return NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
@@ -137,13 +137,13 @@ class SupervisionComponent(Component):
         if status is None:
             self.refuse(LOAD_CELL_STATES, f"{LOAD_CELL_STATES.name} carries no status named load_cells")
             return NOTHING
-        self.supervisor.observe_load_cells(status.values.get("cause", ""))
+        self.supervisor.load_cell_problem = status.values.get("cause", "")
         return self.update(now)
 
     def on_trajectory_state(self, now: float, sample: Status) -> Outputs:
         """Take over what the reference does."""
         try:
-            self.supervisor.observe_trajectory(TrajectoryPhase(sample.message))
+            self.supervisor.phase = TrajectoryPhase(sample.message)
         except ValueError:
             self.refuse(
                 TRAJECTORY_STATE, f"{TRAJECTORY_STATE.name} carries an unknown phase, {sample.message!r}"
@@ -154,7 +154,7 @@ class SupervisionComponent(Component):
         """Take over whether the recording goes on."""
         problem = sample.values.get("cause", "") if sample.level >= Level.ERROR else ""
         self._recorder_problem = problem
-        self.supervisor.observe_recording(problem)
+        self.supervisor.recording_problem = problem
         if not problem:
             return NOTHING
         return [Remark(self.name, Level.ERROR, f"recorder: {problem}"), *self.update(now)]
