@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.mass import MassTrace, settling_time
 from cspr_control.rerun.rerun import EstimatedPayloads
-from cspr_msgs_py.bag.reader import Inertias, JointStates
+from cspr_msgs_py.bag.columns import Inertias, JointStates
 
 
 @dataclass(frozen=True)
