@@ -197,8 +197,8 @@ def control_graph(
     return ControlGraph(
         (
             *(
-                MotorComponent(number, robot.motor, settings.gains, settings.setpoint_timeout)
-                for number in range(1, m + 1)
+                MotorComponent(number, robot.motor, settings.gains, timeout)
+                for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
             ),
             TrajectoryComponent(robot, settings.trajectory, settings.period),
             FeedforwardComponent(robot, settings.feedforward),

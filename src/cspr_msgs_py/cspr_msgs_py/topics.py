@@ -190,6 +190,7 @@ SET_SIMULATED_PAYLOAD = _reliable(
     "demo",
     "payload that the simulated robot carries from header.stamp on (0 = now)",
 )
+_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
 
 
 def motor_command(k: int) -> Topic:
@@ -216,23 +217,5 @@ def cable_names(number_of_cables: int) -> tuple[str, ...]:
 
 
 def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
-    """Return every topic of a robot with this number of motors, in the order in which data flow."""
-    return (
-        REFERENCE,
-        SETPOINT,
-        MOTOR_STATES,
-        *(motor_command(k) for k in range(1, number_of_motors + 1)),
-        CABLE_TENSIONS,
-        PLATFORM_POSE,
-        PAYLOAD,
-        ROBOT_STATE,
-        TRAJECTORY_STATE,
-        DRIVE_STATES,
-        RECORDER_STATE,
-        LOAD_CELL_STATES,
-        DIAGNOSTICS,
-        EVENTS,
-        ROBOT_MARKERS,
-        SIMULATED_PAYLOAD,
-        SET_SIMULATED_PAYLOAD,
-    )
+    """Return every topic of a robot with this number of motors: the rows above, then the motors' commands."""
+    return (*_ROWS, *(motor_command(k) for k in range(1, number_of_motors + 1)))

@@ -23,8 +23,10 @@ from cspr_control.demo.ros_domain import claim_domain
 from cspr_control.demo.scenario import Scenario, ros_arguments, ros_parameter
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+from cspr_control.parameters.control_settings import robot_file
 from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment, number
 from cspr_msgs_py.json_file import write_json
+from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.programs.command_line import program_parser, run_program
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
@@ -195,14 +197,17 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
+    robot = robot_file(ParameterFile.from_yaml(config / "control.yaml"))
+    robot_arguments = ros_arguments(config, can_config="can.yaml", simulation_config="simulation.yaml")
+    control_arguments = ros_arguments(config, robot_config=robot)
     output = ros_parameter("output", str(directory / "bag"))
     started = {
         "recorder": ["--ros-args", *output, *ros_parameter("attach", attached), *recorder_cpu],
-        "simulated_robot": ros_arguments(config) + scenario.robot_arguments() + robot_cpu,
-        "control": ros_arguments(config) + scenario.control_arguments() + control_cpu,
+        "simulated_robot": robot_arguments + scenario.robot_arguments() + robot_cpu,
+        "control": control_arguments + scenario.control_arguments() + control_cpu,
     }
     if markers:
-        started["robot_markers"] = ros_arguments(config) + recorder_cpu
+        started["robot_markers"] = control_arguments + recorder_cpu
 
     with ChildProcesses(directory / "log") as children, demo_client() as client:
         progress = Progress(scenario.label, client)

@@ -82,6 +82,8 @@ class TorqueCheck:
 class CanValues:
     """What is used as it stands in the file.
 
+    What only some drives need has the other drives' value as its default, so that their files need not name it.
+
     Attributes
     ----------
     rate
@@ -112,7 +114,7 @@ class CanValues:
     bus_load_limit: Annotated[float, Meta(gt=0.0, le=1.0)]
     master_node_id: NodeId
     velocity_source: VelocitySource
-    velocity_filter: NotNegative
+    velocity_filter: NotNegative = 0.0
     emergency_stop_input: EmergencyStopInput | None
     brake_open_bit: Literal[8, 14, 15]
     option_codes: OptionCodes

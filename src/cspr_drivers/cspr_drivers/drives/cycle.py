@@ -53,9 +53,7 @@ class DriveCycle:
     def __init__(self, config: CanConfig) -> None:
         count = len(config.drives)
         self.config = config
-        self.group = DriveGroup(
-            [drive.name for drive in config.drives], config.brake_open_bit, config.timeouts
-        )
+        self.group = DriveGroup(config)
         self._feedback = MotorFeedback(config)
         self.watch = CycleWatch(count, self._feedback.frames)
         self.facts: list[DriveFacts | None] = [None] * count

@@ -7,12 +7,12 @@ sends nothing and reads no clock: times are arguments, in seconds of one monoton
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 from cspr_drivers.canopen.cia402 import Command, State, Target, decode_state, next_control_word
 from cspr_drivers.canopen.emergency import Emergency, after, is_error
-from cspr_drivers.config.timeouts import Timeouts
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import in_words
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.transition_watch import TransitionWatch
@@ -36,12 +36,8 @@ class DriveGroup:
 
     Parameters
     ----------
-    names
-        Names of the drives (m).
-    brake_open_bit
-        Bit of the status word that is set while the brake is open.
-    timeouts
-        `command`, `feedback`, `transition`, `enable` and `stop` are used here.
+    config
+        Names of the drives (m), the bit that says that a brake is open, and the limits in time.
 
     Attributes
     ----------
@@ -53,14 +49,15 @@ class DriveGroup:
         Control word that each drive should have (m).
     """
 
-    def __init__(self, names: Sequence[str], brake_open_bit: int, timeouts: Timeouts) -> None:
-        self._drives = [DriveStatus(name) for name in names]
-        self._everyone = frozenset(range(len(names)))
-        self._heard = [-math.inf] * len(names)
-        self._commanded = [-math.inf] * len(names)
-        self._brake_open = 1 << brake_open_bit
-        self._timeouts = timeouts
-        self._watch = TransitionWatch(len(names), timeouts)
+    def __init__(self, config: CanConfig) -> None:
+        count = len(config.drives)
+        self._drives = [DriveStatus(drive.name) for drive in config.drives]
+        self._everyone = frozenset(range(count))
+        self._heard = [-math.inf] * count
+        self._commanded = [-math.inf] * count
+        self._brake_open = 1 << config.brake_open_bit
+        self._timeouts = config.timeouts
+        self._watch = TransitionWatch(count, config.timeouts)
         self.state = DriverState.NOT_READY
         self.cause = "drives are not configured yet"
         self._since = 0.0
