@@ -123,7 +123,7 @@ def _real_numbers(value: ArrayLike, array: NDArray[Any]) -> FloatArray:
 
 def frozen(array: FloatArray) -> FloatArray:
     """Return a contiguous, read-only copy of `array`."""
-    copy = np.array(array, order="C")
+    copy = array.copy()
     copy.setflags(write=False)
     return copy
 

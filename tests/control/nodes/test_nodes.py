@@ -37,8 +37,7 @@ from cspr_control.nodes.control_nodes import (
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.reference.paper import paper_19
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_kinematics import Motion, Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
@@ -255,7 +254,7 @@ def test_feedforward_answers_a_reference_with_a_setpoint(bench, robot):
 def test_feedforward_reports_its_margins_and_changes_the_tension_method(bench, robot):
     node = bench.add(FeedforwardNode(**bench.options(payload_source="nominal", switch_slew=1000.0)))
     diagnostics = bench.listen(topics.DIAGNOSTICS)
-    at_rest = ReferencePoint.at_rest(robot.home)
+    at_rest = Motion.at_rest(robot.home)
 
     def reported(method):
         bench.until(
@@ -297,11 +296,7 @@ def test_feedforward_refuses_a_reference_that_is_not_finite(bench, robot):
     good = REFERENCE.decode(reference_message(point))
     bad = REFERENCE.encode(
         ReferenceSample(
-            **{
-                name: getattr(good, name)
-                for name in ReferenceSample.__dataclass_fields__
-                if name != "linear_velocity"
-            },
+            **{name: getattr(good, name) for name in ReferenceSample._fields if name != "linear_velocity"},
             linear_velocity=np.array([0.0, np.nan, 0.0]),
         )
     )
@@ -347,7 +342,7 @@ def test_feedforward_uses_the_estimate_and_says_when_it_is_stale(bench, robot):
     [
         ({"nominal_payload_mass": -5.0}, "nominal_payload_mass"),
         ({"nominal_payload_mass": 301.0}, "max_payload"),
-        ({"nominal_payload_center": [0.0, 0.0]}, "centre of mass"),
+        ({"nominal_payload_center": [0.0, 0.0]}, "center_of_mass"),
         ({"model": "oracle"}, "oracle"),
     ],
 )

@@ -18,7 +18,7 @@ from cspr_control.parameters.settings import estimator_settings
 from cspr_control.programs import rerun
 from cspr_control.reference.paper import paper_19
 from cspr_control.rerun.bag import DEFINITIONS
-from cspr_kinematics import Payload, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
@@ -109,7 +109,8 @@ class Graph:
             point.twist.angular, point.acceleration.linear, point.acceleration.angular,
         )  # fmt: skip
         arrival = now + 3 * MS + self._jitter(300)
-        setpoint = self._feedforward.compute(arrival * 1e-9, type(point).of_sample(sample))
+        heard = point._replace(pose=Pose.from_quaternion(sample.position, sample.quaternion_xyzw))
+        setpoint = self._feedforward.compute(arrival * 1e-9, heard)
         self._record(topics.REFERENCE, arrival, REFERENCE.encode(sample))
         data = MOTORS.encode(stamp, setpoint.angle, setpoint.speed, setpoint.torque)
         self._record(topics.SETPOINT, arrival + 200_000, data)

@@ -209,7 +209,9 @@ class ClosedLoop(Generic[M]):
                     listen(topic, sample)
                 motor = self.motors.get(topic.name)
                 if motor is not None:
-                    torque = self._tampered(motor, sample.effort)
+                    torque = sample.effort
+                    if motor in self.tampering:
+                        torque = self.tampering[motor](torque)
                     if torque is not None:
                         commands.append((motor, sample.stamp_ns, torque))
             elif isinstance(output, Call):
@@ -219,10 +221,6 @@ class ClosedLoop(Generic[M]):
 
         if commands:
             self.time.at(self.time.monotonic() + self._latency, partial(self.machine.command, commands))
-
-    def _tampered(self, motor: int, torque: float) -> float | None:
-        change = self.tampering.get(motor)
-        return torque if change is None else change(torque)
 
     def _call(self, call: Call) -> None:
         serve: Callable[[str], Any] = self.machine.call

@@ -76,8 +76,6 @@ class SupervisionComponent(Component):
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
         super().__init__("supervisor", ROBOT_STATE)
         self.supervisor = Supervisor(count, limits)
-        # The checks run less often than the bus; what arrives in between is replaced unread.
-        self._arrived: dict[Topic, Callable[[], None]] = {}
         self._recorder_problem = ""
         self._published_state: tuple[object, ...] = ()
 
@@ -95,30 +93,24 @@ class SupervisionComponent(Component):
         return {f"/{self.name}/{command.__name__}": partial(self._command, command) for command in commands}
 
     def _command(self, command: Callable[[float], Decision], now: float) -> tuple[Decision, Outputs]:
-        self._observe_arrived()
         decision = command(now)
         remark = Remark(self.name, Level.OK, f"{command.__name__}: {decision.message}")
         return decision, [remark, *self.update(now)]
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the motor states for the next check."""
-        self._arrived[MOTOR_STATES] = partial(self.supervisor.checks.observe_motors, now, sample)
+        self.supervisor.checks.observe_motors(now, sample)
         return NOTHING
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the set-point for the next check."""
-        self._arrived[SETPOINT] = partial(self.supervisor.checks.observe_setpoint, now, sample)
+        self.supervisor.checks.observe_setpoint(now, sample)
         return NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the tensions for the next check."""
-        self._arrived[CABLE_TENSIONS] = partial(self.supervisor.checks.observe_tensions, now, sample.effort)
+        self.supervisor.checks.observe_tensions(now, sample.effort)
         return NOTHING
-
-    def _observe_arrived(self) -> None:
-        arrived, self._arrived = self._arrived, {}
-        for observe in arrived.values():
-            observe()
 
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
         """Store where the platform is."""
@@ -176,7 +168,6 @@ class SupervisionComponent(Component):
 
     def update(self, now: float) -> Outputs:
         """Run the checks; return the calls of other nodes' services, and the robot's state if it has changed."""
-        self._observe_arrived()
         supervisor = self.supervisor
         before = supervisor.state
         outputs: list[Output] = [Call(self.name, SERVICES[action]) for action in supervisor.update(now)]

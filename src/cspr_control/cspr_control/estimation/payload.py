@@ -192,22 +192,22 @@ class PayloadEstimator:
         return mean
 
     def _staleness(self, time: float) -> tuple[Invalidity, ...]:
-        checks = {
-            Invalidity.STALE_TENSIONS: time - self._tensions_time > self.settings.tensions_timeout,
-            Invalidity.STALE_POSE: time - self._pose_time > self.settings.pose_timeout,
-        }
-        return tuple(cause for cause, present in checks.items() if present)
+        checks = (
+            (Invalidity.STALE_TENSIONS, time - self._tensions_time > self.settings.tensions_timeout),
+            (Invalidity.STALE_POSE, time - self._pose_time > self.settings.pose_timeout),
+        )
+        return tuple(cause for cause, present in checks if present)
 
     def _disturbances(self, raw: PayloadMeasurement, tensions: NDArray[np.float64]) -> tuple[Invalidity, ...]:
         settings = self.settings
         sideways = math.hypot(raw.wrench[0], raw.wrench[1])
-        checks = {
-            Invalidity.SLACK_CABLE: tensions.min() < settings.slack_tension,
-            Invalidity.MOVING_TOO_FAST: self._speed > settings.max_speed,
-            Invalidity.TURNING_TOO_FAST: self._angular_speed > settings.max_angular_speed,
-            Invalidity.NOT_VERTICAL: sideways > settings.max_sideways_ratio * abs(raw.wrench[2]),
-        }
-        return tuple(cause for cause, present in checks.items() if present)
+        checks = (
+            (Invalidity.SLACK_CABLE, tensions.min() < settings.slack_tension),
+            (Invalidity.MOVING_TOO_FAST, self._speed > settings.max_speed),
+            (Invalidity.TURNING_TOO_FAST, self._angular_speed > settings.max_angular_speed),
+            (Invalidity.NOT_VERTICAL, sideways > settings.max_sideways_ratio * abs(raw.wrench[2])),
+        )
+        return tuple(cause for cause, present in checks if present)
 
     def _hold(self, raw: PayloadMeasurement | None, invalidities: tuple[Invalidity, ...]) -> PayloadEstimate:
         self.newest = replace(self.newest, raw=raw, invalidities=invalidities)

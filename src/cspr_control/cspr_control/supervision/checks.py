@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from cspr_control.supervision.debounce import Debounce
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
 
-class MonitoredInput(Enum):
+class MonitoredInput(StrEnum):
     """Inputs whose age is watched, by the topic that brings them."""
 
     MOTOR_STATES = "/motor_states"
@@ -24,7 +24,7 @@ class MonitoredInput(Enum):
     DRIVE_STATES = "/drive_states"
 
 
-class FaultKind(Enum):
+class FaultKind(StrEnum):
     """What made the supervisor stop the robot."""
 
     STALE_TOPIC = "stale topic"
