@@ -1,4 +1,4 @@
-"""The control graph: all control, wired once, whoever drives it.
+"""The control graph: all control, wired once.
 
 `ControlGraph` holds the components (trajectory player, feed-forward, one controller for each motor, estimation of pose
 and payload, supervision) and the routes between them, which follow from the topics that each one hears. It reads no
@@ -16,10 +16,10 @@ To wire and drive it::
 ``now`` is monotonic time in s and never goes back; stamps in samples are ROS time in ns. ``outputs`` come in the order
 in which they came about, those that other components have heard as well:
 
-- `Publication(topic, sample)`: for the drives, the recorder, whoever listens.
+- `Publication(topic, sample)`: for the drives, the recorder and all other subscribers.
 - `Call(component, service)`: a service to be called, of the drivers or of the graph itself. When its answer is there,
-  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph never answers by itself, so
-  that whoever drives it decides how long a service takes.
+  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph itself never
+  answers, so that its caller decides how long a service takes.
 - `Remark(component, level, text)`: a line for the log.
 
 Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs` turns them into the bytes of messages.
@@ -112,8 +112,8 @@ class ControlGraph:
     def routes(self, topic: Topic) -> Sequence[Route]:
         """Return the routes of a topic, one for each component that hears it, in their order.
 
-        For who sends each answer at once: it must not wait for those that are less urgent. Components that are added
-        later stand behind.
+        For callers that send each answer at once, so that it does not wait for less urgent ones. Components that are
+        added later come last.
         """
         return self._routes.setdefault(topic.name, [])
 
