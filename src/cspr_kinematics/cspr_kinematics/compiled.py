@@ -82,7 +82,7 @@ def in_chunks(work: Callable[[int, int], _Result], count: int, threads: int, lea
     Raises
     ------
     InvalidInputError
-        If the number of threads is not a whole number of at least one.
+        If the number of threads is not a whole number, one or more.
     """
     threads = min(positive_integer("threads", threads), count // least)
     if threads <= 1:

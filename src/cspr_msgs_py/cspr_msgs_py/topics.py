@@ -194,7 +194,7 @@ _ROWS = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
 
 
 def motor_command(k: int) -> Topic:
-    """Return the topic on which motor `k` (counted from 1) is told its torque."""
+    """Return the topic of the torque commands to motor `k`, counted from 1."""
     if k < 1:
         raise ValueError(f"motors are counted from 1, not {k}")
     return _stream(
@@ -202,7 +202,7 @@ def motor_command(k: int) -> Topic:
         JOINT_STATE,
         Rate.BUS,
         f"motor_controller_{k}",
-        f"effort = torque (N m) demanded of motor {k}, at the motor shaft",
+        f"effort = commanded torque (N m) of motor {k}, at the motor shaft",
     )
 
 

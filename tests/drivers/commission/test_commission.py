@@ -294,7 +294,7 @@ def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_
     assert [path.read_text() for path in kept] == [before]
     for section in ("buses", "pdo", "timeouts", "rate"):
         assert found[section] == yaml.safe_load(before)[section]
-    assert "# One entry a motor, in the order of the cables in robot.yaml." in rig.path.read_text()
+    assert "# One entry per motor, in the order of the cables in robot.yaml." in rig.path.read_text()
     diff = next(line for line in rig.person.lines if line.startswith("---"))
     assert "+  - {bus: main, node_id: 3, polarity: 1" in diff
     assert not rig.path.with_name("can.yaml.commissioning").exists()

@@ -1,4 +1,4 @@
-"""The feed-forward as a part of the graph."""
+"""The feed-forward as a component of the graph."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class FeedforwardComponent(Component):
         self.feedforward.configure(settings)
 
     def on_payload(self, now: float, sample: InertiaSample) -> Outputs:
-        """Take over the estimate of the payload."""
+        """Store the estimate of the payload."""
         try:
             self.feedforward.set_estimate(now, sample.mass, sample.center_of_mass)
         except PayloadError as error:

@@ -1,4 +1,4 @@
-"""The player of trajectories as a part of the graph."""
+"""The player of trajectories as a component of the graph."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class PayloadEstimator:
         self.newest = PayloadEstimate(payload, None, math.nan, np.zeros(2), (Invalidity.NO_TENSIONS,), 0, 0)
 
     def observe_tensions(self, time: float, stamp: int, tensions: ArrayLike) -> None:
-        """Take over measured tensions (m,), N.
+        """Store measured tensions (m,), N.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class PayloadEstimator:
         self._tensions_time, self._tensions_stamp = time, stamp
 
     def observe_pose(self, time: float, stamp: int, pose: Pose) -> None:
-        """Take over an estimated pose; its speed is taken from the difference to the previous one."""
+        """Store an estimated pose; its speed follows from the difference to the previous one."""
         elapsed = (stamp - self._pose_stamp) * 1e-9
         if self._pose is not None and 0.0 < elapsed <= self.settings.pose_timeout:
             turn = pose.rotation @ self._pose.rotation.T

@@ -209,7 +209,7 @@ class Feedforward:
         self._settings = settings
 
     def set_estimate(self, time: float, mass: float, center_of_mass: ArrayLike) -> None:
-        """Take over an estimated payload.
+        """Store an estimated payload.
 
         Parameters
         ----------

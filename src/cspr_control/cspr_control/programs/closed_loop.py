@@ -1,4 +1,4 @@
-"""Run the control graph on a simulated robot in simulated time, quicker than real time."""
+"""Run the control graph on a simulated robot in simulated time, faster than real time."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 0")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, 0 or more")
     return int(text)
 
 

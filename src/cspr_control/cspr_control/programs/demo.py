@@ -41,14 +41,14 @@ DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and report how well it did.
 
 Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
-moves to the start of the trajectory, follows it with a payload that the controller has not been told of, picks up
+moves to the start of the trajectory, follows it with a payload that the controller does not know of, picks up
 another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
 bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""
 EPILOG = """\
 examples:
   cspr demo                                    the feed-forward with the estimated mass, 100 kg aboard, +100 kg at 3 s
   cspr demo --controller static --payload 200 --add-payload none
-  cspr demo --controller pdff --exact-mass     the yardstick: the controller always knows the true mass
+  cspr demo --controller pdff --exact-mass     for comparison: the controller always knows the true mass
   cspr demo --compare                          all controllers one after the other, in one table
   cspr demo --trajectory smooth-19 --realtime  at rest at both ends; with real-time priority"""
 
@@ -103,7 +103,9 @@ def _run_and_report(scenario: Scenario, options: argparse.Namespace) -> tuple[Ru
         print(f"\n{format_runs([analysis])}")
     print(f"\n{format_summary(summary)}")
     if scenario.speed < 1.0:
-        print(f"  pace                  {scenario.speed:g} of real time; all times are the machine's")
+        print(
+            f"  pace                  {scenario.speed:g} of real time; times are on the simulated machine's clock"
+        )
     print(f"  recorded in           {directory}", flush=True)
     _report([analysis], figures=not options.compare)
     return summary, analysis

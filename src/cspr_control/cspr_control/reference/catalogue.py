@@ -1,4 +1,4 @@
-"""The trajectories that can be asked for by name."""
+"""The trajectories by name."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class TrajectoryPlayer:
     start_time, end_time
         When it begins, and when it ends unless it is stopped, ROS time, ns; 0 before the first.
     interruption
-        Why the trajectory last started was given up by itself; empty if it was not.
+        Why the player gave up the trajectory last started; empty if it did not.
     held_pose
         Where the reference rests; while it moves, where it last rested or will come to rest.
     """

@@ -1,4 +1,4 @@
-"""The heartbeat of whoever leads the drives, on every bus, from a thread of its own."""
+"""The bus master's heartbeat, on every bus, from a thread of its own."""
 
 from __future__ import annotations
 

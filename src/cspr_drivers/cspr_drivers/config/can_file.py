@@ -64,7 +64,7 @@ class LoadCellChecks:
 
 @dataclass(frozen=True)
 class TorqueCheck:
-    """When a drive counts as one that does not apply the torque it was told.
+    """When a drive counts as one that does not apply the commanded torque.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class TorqueCheck:
 class CanValues:
     """What is used as it stands in the file.
 
-    What only some drives need has the other drives' value as its default, so that their files need not name it.
+    A key that only some drives need has a default, the value of all others, whose files need not name it.
 
     Attributes
     ----------

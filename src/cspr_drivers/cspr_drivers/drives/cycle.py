@@ -1,7 +1,7 @@
 """The control cycle of all drives: frames, commands and moments in, motor states and frames to be sent out.
 
-It has no bus, no thread, no lock and no clock: times are arguments, in seconds of one monotonic clock. Whoever drives
-it serialises the calls, and sends the frames of each call before those of the next.
+It has no bus, no thread, no lock and no clock: times are arguments, in seconds of one monotonic clock. The
+caller serialises the calls, and sends the frames of each call before those of the next.
 """
 
 from __future__ import annotations

@@ -196,7 +196,7 @@ class DriveGroup:
             self._rest(time)
         elif self.state is DriverState.FAULT:
             self._hold_fault(time)
-        elif cause := self._trouble(time):
+        elif cause := self._fault_cause(time):
             self.quick_stop(cause, time)
         elif self.state is DriverState.ENABLING:
             self._release(time)
@@ -286,14 +286,14 @@ class DriveGroup:
         if faulty := [drive.describe() for drive in reporting if drive.state in _FAULTY]:
             self.quick_stop("; ".join(faulty), time)
             return
-        reasons = {d.name: self._restless(d, index in present) for index, d in enumerate(self._drives)}
+        reasons = {d.name: self._why_not_at_rest(d, index in present) for index, d in enumerate(self._drives)}
         if cause := in_words({name: reason for name, reason in reasons.items() if reason}):
             self._enter(DriverState.NOT_READY, cause, time)
         elif self.state is DriverState.NOT_READY:
             self._enter(DriverState.DISABLED, "", time)
 
     @staticmethod
-    def _restless(drive: DriveStatus, present: bool) -> str:
+    def _why_not_at_rest(drive: DriveStatus, present: bool) -> str:
         """Return why a drive is not at rest and ready, or an empty text."""
         if drive.unavailable:
             return drive.unavailable
@@ -305,7 +305,7 @@ class DriveGroup:
             return f"is in {drive.state_name}"
         return "its brake is open" if drive.brake_open else ""
 
-    def _trouble(self, time: float) -> str:
+    def _fault_cause(self, time: float) -> str:
         """Return why the drives cannot go on, or an empty text."""
         for index, drive in enumerate(self._drives):
             if drive.state in _FAULTY:

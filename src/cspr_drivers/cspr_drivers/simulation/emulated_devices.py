@@ -24,7 +24,7 @@ LOAD_CELL_EDS = "cia404_load_cell.eds"
 
 
 class EmulatedDevices:
-    """The devices of `can.yaml`, on no bus yet; whoever keeps the time calls `measure` and `tick`, with plant times, s.
+    """The devices of `can.yaml`, on no bus yet; the owner of the clock calls `measure` and `tick` with plant times, s.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
               choices=("closest", "centroid", "analytic_center")),
     ),
     "motor_control_gains": (ROBOT_CONFIG, CONTROL_RATE, *_GAINS),
-    "motor_controller": (MOTOR,),  # asked for first: it decides the name under which the node then runs
+    "motor_controller": (MOTOR,),  # read first: the node's name depends on it
     "motor_controller_K": (ROBOT_CONFIG, CONTROL_RATE, SETPOINT_TIMEOUT, *_GAINS),
     "pose_estimator": (
         ROBOT_CONFIG,

@@ -1,6 +1,6 @@
 """The platform's reference motion as raw CDR of trajectory_msgs/MultiDOFJointTrajectory.
 
-One point a message: pose, twist and acceleration of the frame ``platform`` in ``base``. As in
+One point per message: pose, twist and acceleration of the frame ``platform`` in ``base``. As in
 :mod:`cspr_msgs_py.wire.joint_state` the layout is constant, so a message is a frame with numbers at fixed offsets.
 """
 
