@@ -84,9 +84,8 @@ class ControlGraph:
         self._heard_instead = heard_instead or {}
         self._routes: dict[str, list[Route]] = {}
         self.services: dict[str, Any] = {}
-        self._due: list[
-            tuple[float, int, Timer]
-        ] = []  # a heap: when each timer is due, monotonic s, its order
+        # A heap: when each timer is due next, monotonic s, and which of those due at one moment comes first.
+        self._due: list[tuple[float, int, Timer]] = []
         for component in components:
             self.add(component)
 
