@@ -145,7 +145,8 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "robot_markers": (
         ROBOT_CONFIG,
-        _fixed("trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0),
+        _fixed("trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0,
+               stretch=_DURATION),
     ),
     "can_drives": (
         CAN_CONFIG,
