@@ -23,6 +23,7 @@ from cspr_control.parameters.control_settings import control_settings
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
+from cspr_drivers.bus.bus_load import require_fitting_cycle
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_kinematics import Payload, Pose, Robot
@@ -44,6 +45,7 @@ def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
     machine: Machine
     if scenario.devices:
         buses = CanConfig.from_yaml(scenario.config / scenario.buses)
+        require_fitting_cycle(buses, settings.control_rate)
         machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
         machine = BarePlant(time, simulation, settings.period)

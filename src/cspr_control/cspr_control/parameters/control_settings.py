@@ -12,13 +12,14 @@ from cspr_control.parameters.settings import (
     estimator_settings,
     feedforward_settings,
     motor_gains,
+    one_control_rate,
     supervision_limits,
     trajectory_settings,
 )
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.parameters.table import ALL_NODES
+from cspr_msgs_py.parameters.table import ALL_NODES, CONTROL_RATE, node_parameters
 
 NODES = (
     "trajectory_publisher",
@@ -40,8 +41,8 @@ class ControlSettings:
     ----------
     trajectory, feedforward, gains, payload, supervision
         Of trajectory player, feed-forward, motor controllers, payload estimation and supervisor.
-    period
-        Of the control cycle, s.
+    control_rate
+        Of the control cycle, Hz.
     setpoint_timeout
         Age at which motor controllers no longer use a set-point, s.
     pose_rate
@@ -49,13 +50,18 @@ class ControlSettings:
     """
 
     trajectory: TrajectorySettings
-    period: float
+    control_rate: float
     feedforward: FeedforwardSettings
     gains: MotorGains
     setpoint_timeout: float
     pose_rate: float
     payload: EstimatorSettings
     supervision: SupervisionLimits
+
+    @property
+    def period(self) -> float:
+        """Of the control cycle, s."""
+        return 1.0 / self.control_rate
 
 
 def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings:
@@ -68,9 +74,10 @@ def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings
     """
     gains = parameters.values("motor_control_gains")
     controllers = parameters.values("motor_controller_1")
+    rated = [node for node in NODES if node != ALL_NODES and CONTROL_RATE.name in node_parameters(node)]
     return ControlSettings(
         trajectory_settings(robot, parameters.values("trajectory_publisher")),
-        1.0 / gains["control_rate"],
+        one_control_rate({node: parameters.values(node)[CONTROL_RATE.name] for node in rated}),
         feedforward_settings(robot.number_of_cables, parameters.values("feedforward")),
         motor_gains(robot, gains),
         controllers["setpoint_timeout"],

@@ -24,6 +24,14 @@ from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryN
 Settings = TypeVar("Settings")
 
 
+def one_control_rate(rates: Mapping[str, float]) -> float:
+    """Return the rate of the control cycle, Hz, from what each node says of it; raises SettingError if they differ."""
+    if len(set(rates.values())) > 1:
+        each = ", ".join(f"{rate:g} Hz of {node}" for node, rate in rates.items())
+        raise SettingError(f"parameter control_rate is {each}: the nodes share one cycle; make them equal")
+    return next(iter(rates.values()))
+
+
 def motor_gains(robot: Robot, values: Mapping[str, Any]) -> MotorGains:
     """Return the gains of the motor controllers; raises SettingError, also if kd is too large for the motor."""
     gains = _of(MotorGains, values)
