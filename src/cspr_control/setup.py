@@ -3,16 +3,11 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_control"
-NODES = (
-    "trajectory_publisher",
-    "feedforward",
-    "motor_controller",
-    "pose_estimator",
-    "mass_estimator",
-    "supervisor",
-    "robot_markers",
-    "control",
-)
+COMPONENT_NODES = ("trajectory_publisher", "feedforward", "pose_estimator", "mass_estimator", "supervisor")
+NODES = [
+    *(f"{name} = {PACKAGE}.nodes.control_nodes:{name}" for name in COMPONENT_NODES),
+    *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in ("motor_controller", "robot_markers", "control")),
+]
 PROGRAMS = [
     f"{name} = {PACKAGE}.programs.{name}:main"
     for name in ("demo", "closed_loop", "analyze", "rerun", "workspace", "faults")
@@ -42,7 +37,7 @@ setup(
     description="Trajectories, feed-forward, motor control, payload estimation and supervision",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [*(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES), *PROGRAMS],
+        "console_scripts": [*NODES, *PROGRAMS],
         "cspr.programs": PROGRAMS,
     },
 )

@@ -1,6 +1,10 @@
+import ast
+from pathlib import Path
+
 import pytest
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
+from cspr_msgs_py import topics
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.topics import (
@@ -13,8 +17,6 @@ from cspr_msgs_py.topics import (
     ROBOT_STATE,
     SETPOINT,
     TRAJECTORY_STATE,
-    Durability,
-    Reliability,
     graph_topics,
     motor_command,
 )
@@ -32,6 +34,15 @@ def test_names_are_unique_and_absolute() -> None:
     names = [topic.name for topic in graph_topics(8)]
     assert len(set(names)) == len(names)
     assert all(name.startswith("/") for name in names)
+
+
+def test_each_topic_of_the_module_is_a_topic_of_the_graph() -> None:
+    written = {node.targets[0].id for node in ast.parse(Path(topics.__file__).read_text()).body
+               if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
+               and node.value.func.id in ("_stream", "_latched", "_reliable")}  # fmt: skip
+    assert len(written) > 10
+    assert [getattr(topics, name) for name in written if getattr(topics, name) not in graph_topics(0)] == []
+    assert len(graph_topics(0)) == len(written)
 
 
 def test_motors_are_counted_from_one() -> None:
@@ -64,6 +75,7 @@ def test_states_are_latched(topic) -> None:
 
 
 def test_diagnostics_are_reliable_and_not_latched() -> None:
-    assert DIAGNOSTICS.reliability is Reliability.RELIABLE
-    assert DIAGNOSTICS.durability is Durability.VOLATILE
-    assert qos_profile(DIAGNOSTICS).depth == 10
+    profile = qos_profile(DIAGNOSTICS)
+    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.durability == DurabilityPolicy.VOLATILE
+    assert profile.depth == 10

@@ -1,4 +1,4 @@
-"""The control graph: all control, wired once, whoever drives it.
+"""The control graph: all control, wired once.
 
 `ControlGraph` holds the components (trajectory player, feed-forward, one controller for each motor, estimation of pose
 and payload, supervision) and the routes between them, which follow from the topics that each one hears. It reads no
@@ -16,10 +16,10 @@ To wire and drive it::
 ``now`` is monotonic time in s and never goes back; stamps in samples are ROS time in ns. ``outputs`` come in the order
 in which they came about, those that other components have heard as well:
 
-- `Publication(topic, sample)`: for the drives, the recorder, whoever listens.
+- `Publication(topic, sample)`: for the drives, the recorder and all other subscribers.
 - `Call(component, service)`: a service to be called, of the drivers or of the graph itself. When its answer is there,
-  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph never answers by itself, so
-  that whoever drives it decides how long a service takes.
+  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph itself never
+  answers, so that its caller decides how long a service takes.
 - `Remark(component, level, text)`: a line for the log.
 
 Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs` turns them into the bytes of messages.
@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cspr_control.components.component import Call, Component, Output, Outputs, Publication
+from cspr_control.components.component import Call, Component, Output, Outputs, Publication, Timer
 from cspr_control.components.feedforward import FeedforwardComponent
 from cspr_control.components.motor import MotorComponent
 from cspr_control.components.payload import PayloadComponent
@@ -60,8 +60,7 @@ class _Due:
     """When a timer of a component is due next, monotonic s."""
 
     time: float
-    period: float
-    run: Any
+    timer: Timer
 
 
 class ControlGraph:
@@ -81,6 +80,8 @@ class ControlGraph:
         By name.
     inputs
         Topics that some component hears, by name.
+    services
+        The commands that `call` takes, by name.
     """
 
     def __init__(
@@ -93,7 +94,7 @@ class ControlGraph:
         self._heard_instead = heard_instead or {}
         self._routes: dict[str, list[Callable[[float, Any], Outputs]]] = {}
         self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
-        self._services: dict[str, Any] = {}
+        self.services: dict[str, Any] = {}
         self._due: list[_Due] | None = None
         for component in components:
             self.add(component)
@@ -101,7 +102,7 @@ class ControlGraph:
     def add(self, component: Component) -> tuple[Topic, ...]:
         """Wire one more component; returns the topics that nobody has heard before it."""
         self.components[component.name] = component
-        self._services |= component.services()
+        self.services |= component.services()
         new = []
         for own in component.inputs:
             topic = self._heard_instead.get((component.name, own.name), own)
@@ -112,16 +113,11 @@ class ControlGraph:
             self._listeners.setdefault(topic.name, []).append((component, own))
         return tuple(new)
 
-    @property
-    def services(self) -> tuple[str, ...]:
-        """Names of the commands that `call` takes."""
-        return tuple(self._services)
-
     def handlers(self, topic: Topic) -> Sequence[Callable[[float, Any], Outputs]]:
         """Return what takes the samples of a topic, one for each component that hears it, in their order.
 
-        For who sends each answer at once: it must not wait for those that are less urgent. Components that are added
-        later stand behind.
+        For callers that send each answer at once, so that it does not wait for less urgent ones. Components that are
+        added later come last.
         """
         return self._routes.setdefault(topic.name, [])
 
@@ -147,7 +143,7 @@ class ControlGraph:
     def begin(self, now: float) -> list[Output]:
         """Return what is published before anything has arrived; timers count from here."""
         self._due = [
-            _Due(now + timer.period, timer.period, timer.run)
+            _Due(now + timer.period, timer)
             for component in self.components.values()
             for timer in component.timers()
         ]
@@ -160,8 +156,8 @@ class ControlGraph:
             return self.begin(now)
         outputs: list[Output] = []
         while (due := min(self._due, key=lambda due: due.time)).time <= now:
-            outputs += self._through(due.run(due.time), due.time)
-            due.time += due.period
+            outputs += self._through(due.timer.run(due.time), due.time)
+            due.time += due.timer.period
         return outputs
 
     @property
@@ -171,7 +167,7 @@ class ControlGraph:
 
     def call(self, now: float, service: str) -> tuple[Decision, list[Output]]:
         """Give a command to the component whose service it is; raises KeyError for another's."""
-        decision, outputs = self._services[service](now)
+        decision, outputs = self.services[service](now)
         return decision, self._through(outputs, now)
 
     def answered(self, now: float, call: Call, accepted: bool, message: str) -> list[Output]:
@@ -210,8 +206,8 @@ def control_graph(
     m = robot.number_of_cables
     components = (
         *(
-            MotorComponent(number, robot.motor, settings.gains, settings.setpoint_timeout)
-            for number in range(1, m + 1)
+            MotorComponent(number, robot.motor, settings.gains, timeout)
+            for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
         ),
         TrajectoryComponent(robot, settings.trajectory, settings.period),
         FeedforwardComponent(robot, settings.feedforward),

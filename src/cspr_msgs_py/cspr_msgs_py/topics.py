@@ -12,20 +12,6 @@ BASE_FRAME = "base"
 PLATFORM_FRAME = "platform"
 
 
-class Reliability(Enum):
-    """Whether the middleware repeats what was lost on the way."""
-
-    RELIABLE = "reliable"
-    BEST_EFFORT = "best_effort"
-
-
-class Durability(Enum):
-    """Whether a subscriber that joins late is given the last message (a latched topic)."""
-
-    VOLATILE = "volatile"
-    TRANSIENT_LOCAL = "transient_local"
-
-
 class Rate(Enum):
     """How often a topic is published, where that is not a fixed number of hertz."""
 
@@ -51,8 +37,12 @@ class Topic:
         Name of the node that publishes it; ``*`` where every node does.
     content : str
         What a message holds, with units.
-    reliability, durability, depth
-        Quality of service of publisher and subscribers; the history keeps the last `depth` messages.
+    reliable : bool
+        Whether the middleware repeats what was lost on the way.
+    latched : bool
+        Whether a subscriber that joins late is given the last message.
+    depth : int
+        The history of publisher and subscribers keeps the last `depth` messages.
     """
 
     name: str
@@ -60,14 +50,9 @@ class Topic:
     rate: Rate | float
     writer: str
     content: str
-    reliability: Reliability
-    durability: Durability
+    reliable: bool
+    latched: bool
     depth: int
-
-    @property
-    def latched(self) -> bool:
-        """Whether a late subscriber receives the last message."""
-        return self.durability is Durability.TRANSIENT_LOCAL
 
 
 MULTI_DOF_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
@@ -88,13 +73,13 @@ def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str)
     it is merely slower.
     """
     depth = 1 if rate in (Rate.CONTROL, Rate.BUS) else 5
-    return Topic(name, type, rate, writer, content, Reliability.BEST_EFFORT, Durability.VOLATILE, depth)
+    return Topic(name, type, rate, writer, content, reliable=False, latched=False, depth=depth)
 
 
 # A topic of states: everyone has the current one, whenever they join.
-_latched = partial(Topic, reliability=Reliability.RELIABLE, durability=Durability.TRANSIENT_LOCAL, depth=1)
+_latched = partial(Topic, reliable=True, latched=True, depth=1)
 # A topic of events: none may be lost, old ones are of no use to late subscribers.
-_reliable = partial(Topic, reliability=Reliability.RELIABLE, durability=Durability.VOLATILE, depth=10)
+_reliable = partial(Topic, reliable=True, latched=False, depth=10)
 
 REFERENCE = _stream(
     "/reference",
@@ -205,10 +190,11 @@ SET_SIMULATED_PAYLOAD = _reliable(
     "demo",
     "payload that the simulated robot carries from header.stamp on (0 = now)",
 )
+_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
 
 
 def motor_command(k: int) -> Topic:
-    """Return the topic on which motor `k` (counted from 1) is told its torque."""
+    """Return the topic of the torque commands to motor `k`, counted from 1."""
     if k < 1:
         raise ValueError(f"motors are counted from 1, not {k}")
     return _stream(
@@ -216,7 +202,7 @@ def motor_command(k: int) -> Topic:
         JOINT_STATE,
         Rate.BUS,
         f"motor_controller_{k}",
-        f"effort = torque (N m) demanded of motor {k}, at the motor shaft",
+        f"effort = commanded torque (N m) of motor {k}, at the motor shaft",
     )
 
 
@@ -231,23 +217,5 @@ def cable_names(number_of_cables: int) -> tuple[str, ...]:
 
 
 def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
-    """Return every topic of a robot with this number of motors, in the order in which data flow."""
-    return (
-        REFERENCE,
-        SETPOINT,
-        MOTOR_STATES,
-        *(motor_command(k) for k in range(1, number_of_motors + 1)),
-        CABLE_TENSIONS,
-        PLATFORM_POSE,
-        PAYLOAD,
-        ROBOT_STATE,
-        TRAJECTORY_STATE,
-        DRIVE_STATES,
-        RECORDER_STATE,
-        LOAD_CELL_STATES,
-        DIAGNOSTICS,
-        EVENTS,
-        ROBOT_MARKERS,
-        SIMULATED_PAYLOAD,
-        SET_SIMULATED_PAYLOAD,
-    )
+    """Return every topic of a robot with this number of motors: the rows above, then the motors' commands."""
+    return (*_ROWS, *(motor_command(k) for k in range(1, number_of_motors + 1)))

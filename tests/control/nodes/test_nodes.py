@@ -27,21 +27,22 @@ from tests.messages import (
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
 from cspr_control.nodes.control import create_control_nodes
-from cspr_control.nodes.feedforward import FeedforwardNode
-from cspr_control.nodes.mass_estimator import MassEstimatorNode
+from cspr_control.nodes.control_nodes import (
+    FeedforwardNode,
+    MassEstimatorNode,
+    PoseEstimatorNode,
+    SupervisorNode,
+    TrajectoryPublisher,
+)
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.pose_estimator import PoseEstimatorNode
-from cspr_control.nodes.supervisor import SupervisorNode
-from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_control.reference.paper import paper_19
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_kinematics import Motion, Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.vocabulary import DriverState, Level, PayloadSource, RobotState
-from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state import JointStateCodec, JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 COUNT = 8
@@ -253,7 +254,7 @@ def test_feedforward_answers_a_reference_with_a_setpoint(bench, robot):
 def test_feedforward_reports_its_margins_and_changes_the_tension_method(bench, robot):
     node = bench.add(FeedforwardNode(**bench.options(payload_source="nominal", switch_slew=1000.0)))
     diagnostics = bench.listen(topics.DIAGNOSTICS)
-    at_rest = ReferencePoint.at_rest(robot.home)
+    at_rest = Motion.at_rest(robot.home)
 
     def reported(method):
         bench.until(
@@ -295,11 +296,7 @@ def test_feedforward_refuses_a_reference_that_is_not_finite(bench, robot):
     good = REFERENCE.decode(reference_message(point))
     bad = REFERENCE.encode(
         ReferenceSample(
-            **{
-                name: getattr(good, name)
-                for name in ReferenceSample.__dataclass_fields__
-                if name != "linear_velocity"
-            },
+            **{name: getattr(good, name) for name in ReferenceSample._fields if name != "linear_velocity"},
             linear_velocity=np.array([0.0, np.nan, 0.0]),
         )
     )
@@ -345,7 +342,7 @@ def test_feedforward_uses_the_estimate_and_says_when_it_is_stale(bench, robot):
     [
         ({"nominal_payload_mass": -5.0}, "nominal_payload_mass"),
         ({"nominal_payload_mass": 301.0}, "max_payload"),
-        ({"nominal_payload_center": [0.0, 0.0]}, "centre of mass"),
+        ({"nominal_payload_center": [0.0, 0.0]}, "center_of_mass"),
         ({"model": "oracle"}, "oracle"),
     ],
 )
@@ -653,8 +650,8 @@ def test_supervisor_says_that_nobody_answers(bench, robot):
     states = bench.listen(topics.ROBOT_STATE)
     now = time.monotonic()
     checks = node.component.supervisor.checks
-    checks.observe_motors(now, STAMP, ZERO, ZERO, ZERO)
-    checks.observe_setpoint(now, STAMP, ZERO, ZERO)
+    checks.observe_motors(now, JointStateSample(STAMP, ZERO, ZERO, ZERO))
+    checks.observe_setpoint(now, JointStateSample(STAMP, ZERO, ZERO, ZERO))
     checks.observe_tensions(now, np.full(COUNT, 400.0))
     checks.observe_pose(now, robot.home.position)
     node.component.supervisor.observe_drives(now, DriverState.DISABLED)
@@ -684,5 +681,7 @@ def test_nodes_of_one_process_hear_each_topic_once_and_motor_controllers_first(b
 def test_nodes_of_one_process_that_expect_different_rates_are_refused(bench, tmp_path):
     file = tmp_path / "control.yaml"
     file.write_text("pose_estimator: {ros__parameters: {control_rate: 100.0}}")
-    with pytest.raises(SettingError, match=r"250 Hz of motor_control_gains, .*100 Hz of pose_estimator"):
+    with pytest.raises(
+        SettingError, match=r"control_rate of pose_estimator is 100\.0, of motor_control_gains 250"
+    ):
         create_control_nodes(**bench.options(), cli_args=["--ros-args", "--params-file", str(file)])

@@ -53,7 +53,6 @@ def test_what_stopped_the_robot_is_said(capsys):
         (["--duration", "soon"], "not a time"),
         (["--seed", "-1"], "not a whole number"),
         (["--controller", "pid"], "(choose from 'pd', 'static'"),
-        (["--set", "motor_controller_3.kp=4"], "'motor_controller_3' is not a node that has them here"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(arguments, words, capsys):
@@ -65,6 +64,23 @@ def test_arguments_that_make_no_sense_are_refused(arguments, words, capsys):
 def test_a_fault_after_the_trajectory_is_refused(capsys):
     assert closed_loop.main(["--config", CONFIG, "--duration", "1", "--fault", "bus_cut main@30"]) == 1
     assert "would come too late: the trajectory is over after 1 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("motor_controller_3.kp=4", "motor_controller_3 takes no kp here; motor_control_gains does"),
+        ("recorder.nice=3", "recorder is not here; the nodes here are motor_control_gains, "),
+        (
+            "supervisor.robot_config=x",
+            "is x, of motor_control_gains config/robot.yaml; it must be the same for all",
+        ),
+        ("/**.control_rate=500", "control_rate is 500 Hz, but "),
+    ],
+)
+def test_a_parameter_that_nothing_takes_is_refused(given, words, capsys):
+    assert closed_loop.main(["--config", CONFIG, "--set", given]) == 1
+    assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("program", [closed_loop, faults])

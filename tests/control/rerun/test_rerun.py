@@ -12,17 +12,19 @@ from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, Paramet
 from rclpy.serialization import serialize_message
 from rosbags.typesys import get_types_from_msg
 
-from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
+from cspr_control.estimation.payload import PayloadEstimator
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
+from cspr_control.parameters.settings import estimator_settings
 from cspr_control.programs import rerun
 from cspr_control.reference.paper import paper_19
 from cspr_control.rerun.bag import DEFINITIONS
-from cspr_kinematics import Payload, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import FeedforwardModel
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
@@ -43,7 +45,7 @@ INERTIA = StampedDoublesCodec(topics.PLATFORM_FRAME, INERTIA_DOUBLES)
 REFERENCE = ReferenceCodec()
 PARAMETER_EVENTS = topics.Topic(
     "/parameter_events", "rcl_interfaces/msg/ParameterEvent", topics.Rate.ON_CHANGE, "*", "",
-    topics.Reliability.RELIABLE, topics.Durability.VOLATILE, 10,
+    reliable=True, latched=False, depth=10,
 )  # fmt: skip
 RECORDED = (
     topics.CABLE_TENSIONS, topics.PLATFORM_POSE, topics.REFERENCE, topics.PAYLOAD, topics.SETPOINT,
@@ -57,7 +59,7 @@ class Graph:
     def __init__(self, robot, model_change=None):
         self.messages = []  # topic, received, published, data
         self._robot = robot
-        self._estimator = PayloadEstimator(robot, EstimatorSettings())
+        self._estimator = PayloadEstimator(robot, estimator_settings(defaults("mass_estimator")))
         self._feedforward = Feedforward(robot, FeedforwardSettings())
         self._trajectory = paper_19(robot.trajectory_center)
         self._rng = np.random.default_rng(7)
@@ -107,7 +109,8 @@ class Graph:
             point.twist.angular, point.acceleration.linear, point.acceleration.angular,
         )  # fmt: skip
         arrival = now + 3 * MS + self._jitter(300)
-        setpoint = self._feedforward.compute(arrival * 1e-9, type(point).of_sample(sample))
+        heard = point._replace(pose=Pose.from_quaternion(sample.position, sample.quaternion_xyzw))
+        setpoint = self._feedforward.compute(arrival * 1e-9, heard)
         self._record(topics.REFERENCE, arrival, REFERENCE.encode(sample))
         data = MOTORS.encode(stamp, setpoint.angle, setpoint.speed, setpoint.torque)
         self._record(topics.SETPOINT, arrival + 200_000, data)
@@ -272,11 +275,23 @@ def test_the_default_output_lies_beside_the_bag_and_replaces_nothing(graph, tmp_
         assert (tmp_path / name / "comparison.json").is_file()
 
 
+@pytest.mark.parametrize("name", ["robot_config=x.yaml", "cpu=1"])
+def test_a_parameter_that_a_rerun_does_not_take_is_refused(bag, tmp_path, capsys, name):
+    assert rerun.main([str(bag), "--output", str(tmp_path / "out"), "--set", f"mass_estimator.{name}"]) == 1
+    assert (
+        f"mass_estimator takes no {name.partition('=')[0]} here; it takes time_constant"
+        in capsys.readouterr().err
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--set", "mass_estimator.time_constnt=0.2"], "did you mean time_constant"),
-        (["--set", "mass_estimatr.time_constant=0.2"], "'mass_estimatr' is not a node"),
+        (
+            ["--set", "mass_estimatr.time_constant=0.2"],
+            "parameters of 'mass_estimatr' cannot be set here; choose from",
+        ),
         (["--set", "supervisor.following_error=1.0"], "mass_estimator, feedforward"),
         (["--set", "mass_estimator.time_constant=-1"], "must lie in [0.001, 60] s"),
         (["--set", "mass_estimator.time_constant=.nan"], "must be a finite number"),

@@ -1,4 +1,4 @@
-"""The player of trajectories as a part of the graph."""
+"""The player of trajectories as a component of the graph."""
 
 from __future__ import annotations
 
@@ -10,19 +10,15 @@ from cspr_control.components.component import NOTHING, Component, Outputs, Publi
 from cspr_control.errors import ControlError, TrajectoryError
 from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
-from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision
-from cspr_kinematics import KinematicsError, Pose, Robot
+from cspr_kinematics import KinematicsError, Motion, Pose, Robot
 from cspr_msgs_py import topics
-from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryName, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
 from cspr_msgs_py.wire.samples import PoseSample, Status
-
-_DEFAULT = defaults("trajectory_publisher")
 
 
 @dataclass(frozen=True)
@@ -39,9 +35,9 @@ class TrajectorySettings:
 
     name: TrajectoryName
     options: TrajectoryOptions
-    dwell: float = _DEFAULT["dwell"]
-    stop_time: float = _DEFAULT["stop_time"]
-    max_gap: float = _DEFAULT["max_gap"]
+    dwell: float
+    stop_time: float
+    max_gap: float
 
 
 class TrajectoryComponent(Component):
@@ -152,7 +148,7 @@ class TrajectoryComponent(Component):
                 outputs.append(Remark(self.name, Level.WARN, f"{given_up}: {self.player.interruption}"))
         return outputs
 
-    def _sample(self, stamp: int, reference: ReferencePoint) -> ReferenceSample:
+    def _sample(self, stamp: int, reference: Motion) -> ReferenceSample:
         running = self.player.phase is TrajectoryPhase.RUNNING
         return ReferenceSample(
             stamp_ns=stamp,

@@ -11,9 +11,8 @@ from enum import Enum
 
 from cspr_control.errors import SettingError
 from cspr_kinematics import Motor
-from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT, defaults
+from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT
 
-_DEFAULT = defaults("motor_controller_K")
 _NANOSECOND = 1e-9
 
 
@@ -27,10 +26,10 @@ class MotorGains:
         If a gain is not finite, negative, or a share above one; or the smoothing speed is zero.
     """
 
-    kp: float = _DEFAULT["kp"]
-    kd: float = _DEFAULT["kd"]
-    friction_compensation: float = _DEFAULT["friction_compensation"]
-    friction_smoothing_speed: float = _DEFAULT["friction_smoothing_speed"]
+    kp: float
+    kd: float
+    friction_compensation: float
+    friction_smoothing_speed: float
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -42,7 +41,7 @@ class MotorGains:
             raise SettingError("friction_smoothing_speed is 0 rad/s; it must be more than zero")
 
     def require_sampled_stability(self, inertia: float, period: float) -> None:
-        """Refuse a derivative gain with which a motor of a slack cable oscillates by itself.
+        """Refuse a derivative gain with which the motor of a slack cable would oscillate.
 
         A speed fed back once a period T to an inertia J is stable only for Kd < 2 J / T: beyond, each answer
         overcompensates by more than what it corrects.
@@ -146,7 +145,7 @@ class MotorController:
         self._smoothing = gains.friction_smoothing_speed
 
     def set_setpoint(self, received: float, stamp: int, angle: float, speed: float, torque: float) -> None:
-        """Take over a set-point.
+        """Store a set-point.
 
         Parameters
         ----------

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from cspr_control.components.trajectory import TrajectorySettings
@@ -19,17 +20,33 @@ from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_kinematics import Pose, Robot, bounded_methods
+from cspr_msgs_py.parameters.table import ALL_NODES
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
 
 Settings = TypeVar("Settings")
 
 
-def one_control_rate(rates: Mapping[str, float]) -> float:
-    """Return the rate of the control cycle, Hz, from what each node says of it; raises SettingError if they differ."""
-    if len(set(rates.values())) > 1:
-        each = ", ".join(f"{rate:g} Hz of {node}" for node, rate in rates.items())
-        raise SettingError(f"parameter control_rate is {each}: the nodes share one cycle; make them equal")
-    return next(iter(rates.values()))
+def require_same(name: str, values: Mapping[str, Any]) -> None:
+    """Refuse values of a parameter, by node, that differ though the components share it; raises SettingError."""
+    first, *others = values
+    for node in others:
+        if values[node] != values[first]:
+            raise SettingError(
+                f"{name} of {node} is {values[node]}, of {first} {values[first]}; "
+                f"it must be the same for all nodes of one control: give it to {ALL_NODES}"
+            )
+
+
+class NoticedValues(dict[str, Any]):
+    """Values by name that notice, in `names`, which of them are taken."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        super().__init__(values)
+        self.names: set[str] = set()
+
+    def __getitem__(self, name: str) -> Any:
+        self.names.add(name)
+        return super().__getitem__(name)
 
 
 def motor_gains(robot: Robot, values: Mapping[str, Any]) -> MotorGains:
@@ -57,7 +74,7 @@ def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> Fe
         "payload_source": PayloadSource(values["payload_source"]),
         "nominal_payload": checked_payload("nominal payload", mass, center, values["max_payload"]),
     }
-    return _of(FeedforwardSettings, {**values, **converted})
+    return _of(FeedforwardSettings, values, converted)
 
 
 def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySettings:
@@ -70,7 +87,7 @@ def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySe
     """
     name = TrajectoryName(values["trajectory"])
     home = {"move_position": robot.home.position, "move_orientation": robot.home.euler}
-    goal = {vector: values.get(vector, default) for vector, default in home.items()}
+    goal = home | {vector: values[vector] for vector in home if vector in values}
     for vector, elements in goal.items():
         if len(elements) != 3:
             raise TrajectoryError(f"{vector} has {len(elements)} elements; 3 are needed")
@@ -95,9 +112,12 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
         "workspace_max": tuple(robot.workspace_max.tolist()),
         "transmission_ratio": robot.winch.transmission_ratio,
     }
-    return _of(SupervisionLimits, {**values, **of_robot})
+    return _of(SupervisionLimits, values, of_robot)
 
 
-def _of(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
-    """Return the settings whose fields are named as the parameters are."""
-    return kind(**{field.name: values[field.name] for field in fields(kind)})  # type: ignore[arg-type]
+def _of(
+    kind: type[Settings], values: Mapping[str, Any], instead: Mapping[str, Any] = MappingProxyType({})
+) -> Settings:
+    """Return the settings whose fields are named as the parameters are, but for those that are given otherwise."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    return kind(**{name: instead[name] if name in instead else values[name] for name in names})

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.mass import MassTrace, settling_time
 from cspr_control.rerun.rerun import EstimatedPayloads
-from cspr_msgs_py.bag.reader import Inertias, JointStates
+from cspr_msgs_py.bag.columns import Inertias, JointStates
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Re-run less recorded, over all values of matching messages; zeros if nothing matches."""
+    """Re-run minus recorded, over all values of matching messages; zeros if nothing matches."""
 
     maximum: float
     rms: float
@@ -100,7 +100,7 @@ def compare_payloads(
 def _quality(estimate: Inertias | None, truth: Inertias | None, tensions: JointStates) -> MassQuality | None:
     if estimate is None or truth is None or len(estimate.mass) == 0:
         return None
-    # a truth that is told on after the estimates have ended says nothing about them
+    # a truth that is published after the estimates have ended says nothing about them
     told = truth.log_time_ns <= estimate.log_time_ns[-1]
     if not told.any():
         return None

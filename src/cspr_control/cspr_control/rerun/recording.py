@@ -8,19 +8,21 @@ from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
 from cspr_control.errors import ControlError, SettingError
+from cspr_control.parameters.control_settings import robot_file
+from cspr_control.parameters.settings import NoticedValues
 from cspr_control.rerun.rerun import Schedule
 from cspr_kinematics import Robot
 from cspr_kinematics.configuration.yaml_file import parse_yaml
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, JointStates
+from cspr_msgs_py.bag.columns import JointStates
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.errors import BagError, ParameterError
-from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.file import ParameterFile, require_heard
 from cspr_msgs_py.parameters.table import parameter_values
 from cspr_msgs_py.wire.parameter_events import TOPIC as PARAMETER_EVENTS
 from cspr_msgs_py.wire.parameter_events import ParameterEvent, decode_parameter_event
 
 CONTROL_FILE = "control.yaml"
-ROBOT_FILE = "robot.yaml"
 
 Settings = TypeVar("Settings")
 Columns = TypeVar("Columns")
@@ -61,7 +63,7 @@ class Configuration:
         by_name = {PurePath(name).name: data for name, data in files.items()}
         control = _file(by_name, CONTROL_FILE, where)
         parameters = ParameterFile(control, f"{where}: {CONTROL_FILE}")
-        robot_name = PurePath(str(parameters.of("feedforward").get("robot_config", ROBOT_FILE))).name
+        robot_name = robot_file(parameters)
         text, source = _file(by_name, robot_name, where), f"{where}: {robot_name}"
         robot = Robot.from_mapping(parse_yaml(text, source), source)
         return Configuration(robot, parameters, {CONTROL_FILE: control, robot_name: text})
@@ -187,7 +189,10 @@ def schedule(
     try:
         recorded = parameter_values(node, recording.configuration.parameters.of(node), declared)
         values = recorded
-        settings = [(0, build(parameter_values(node, recorded, given)))]
+        first = NoticedValues(parameter_values(node, recorded, given))
+        settings = [(0, build(first))]
+        for name in given:
+            require_heard("re-run", node, name, {node: first.names})
         for time, event in events:
             changed = {name: value for name, value in event.changed.items() if name in recorded}
             if changed:

@@ -104,7 +104,7 @@ class CanDrives(DriverNode[DriveMaster]):
         if master is None:
             return
         try:
-            command = decode_joint(codec, buffer, 0)
+            command = decode_joint(codec, buffer)
         except MessageError as error:
             master.reject_command(index, str(error))
             return

@@ -20,7 +20,7 @@ from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.driver_messages import bus_status
 from cspr_msgs_py.parameters.table import AUTOSTART, CAN_CONFIG
 from cspr_msgs_py.runtime.parameters import declare
-from cspr_msgs_py.runtime.process import Diagnostics, sample_publisher, steady_timer
+from cspr_msgs_py.runtime.process import report_health, sample_publisher, steady_timer
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import Status, StatusArray
@@ -86,7 +86,7 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         self._starting = autostart  # a failure then ends the process, which reports it
         self.prepare()
         steady_timer(self, _STATE_PERIOD, self._watch_states)
-        self._diagnostics = Diagnostics(self, self._report)
+        report_health(self, self._report)
         for trigger in (self.trigger_configure, self.trigger_activate) if autostart else ():
             if trigger() is not TransitionCallbackReturn.SUCCESS and self._error is not None:
                 raise self._error

@@ -33,7 +33,12 @@ class SampleBag:
     def write(self, topic: Topic, time_ns: int, sample: Any) -> None:
         """Write a record, published and received at a time."""
         if topic.name not in self._topics:
-            qos = OfferedQos("keep_last", topic.depth, topic.reliability.value, topic.durability.value)
+            qos = OfferedQos(
+                "keep_last",
+                topic.depth,
+                "reliable" if topic.reliable else "best_effort",
+                "transient_local" if topic.latched else "volatile",
+            )
             recorded = RecordedTopic(topic.name, topic.type, self._definition(topic.type), (qos,))
             encode = topic_codec(topic, self._number_of_motors).encode
             self._topics[topic.name] = self._bag.add_topic(recorded), encode

@@ -7,7 +7,6 @@ import sys
 import time
 import warnings
 from collections.abc import Iterable, Sequence
-from enum import Enum
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -21,13 +20,13 @@ from rclpy.time import Time
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
-from cspr_msgs_py.bag.reader import Bag, BagWarning, Message
-from cspr_msgs_py.bag.replay_pace import ReplayPace
-from cspr_msgs_py.errors import BagError, MessageError, StartError
+from cspr_msgs_py.bag.reader import Bag, Message
+from cspr_msgs_py.errors import BagError, BagWarning, MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.programs.command_line import program_parser
 from cspr_msgs_py.qos import replay_profile
 from cspr_msgs_py.runtime.process import LEAN_NODE
+from cspr_msgs_py.runtime.replay_pace import ReplayPace
 from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
 from cspr_msgs_py.topics import MOTOR_STATES, graph_topics
 from cspr_msgs_py.wire.cdr import NANOSECONDS
@@ -58,13 +57,6 @@ examples:
   cspr replay runs/latest/bag                                      everything, to look at in RViz or Foxglove
   cspr replay runs/latest/bag --loop --topics /motor_states /cable_tensions
   cspr replay runs/latest/bag --start 12.5 --paused                to step through a moment"""
-
-
-class Step(Enum):
-    """How far a step goes."""
-
-    MESSAGE = "message"
-    CYCLE = "cycle"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -105,7 +97,7 @@ class Replay:
     Raises
     ------
     StartError, BagError
-        If what is asked for is not in the bag, or must not be published.
+        If a selected topic is not in the bag, or must not be published.
     """
 
     def __init__(self, bag: Bag, options: argparse.Namespace, keys: Keyboard) -> None:
@@ -118,7 +110,7 @@ class Replay:
         if self._start_ns > bag.end_ns:
             length = (bag.end_ns - bag.start_ns) / NANOSECONDS
             raise StartError(f"--start {options.start:g}: the bag is {length:.2f} s long")
-        self._step: Step | None = None
+        self._step: str | None = None  # the topic that ends the step under way; of any topic if empty
         self._ended = self._late = False
         self._looked = self._checked = -1e9
         self._node = Node("replay", **LEAN_NODE)
@@ -129,7 +121,6 @@ class Replay:
         self._latched: set[str] = set()
         self._publishers: dict[str, Publisher] = {}
         self._create_publishers(options.topics)
-        self._stepped_by = MOTOR_STATES.name if MOTOR_STATES.name in self._publishers else None
         time.sleep(_DISCOVERY_TIME)
         self._refuse_conflicts()
         self._wait_for_subscribers()
@@ -194,7 +185,7 @@ class Replay:
             time.sleep(0.01)
 
     def _states_at_start(self) -> Iterable[Message]:
-        """Return what the latched topics had said before the start: whoever subscribes is to know it."""
+        """Return what the latched topics had said before the start, for their subscribers."""
         last: dict[str, Message] = {}
         if self._start_ns > self._bag.start_ns:
             for message in self._bag.in_order(self._latched, end_ns=self._start_ns):
@@ -225,7 +216,7 @@ class Replay:
         self._publishers[message.topic].publish(message.data)
         if self._step is not None:
             self._pace.move(message.log_time_ns, time.monotonic())
-            if self._step is Step.MESSAGE or message.topic == self._stepped_by:
+            if self._step in ("", message.topic):
                 self._step = None
                 self._show(message.log_time_ns, f", {message.topic}")
 
@@ -248,11 +239,10 @@ class Replay:
     def _take(self, key: str, now: float) -> None:
         pace = self._pace
         if key == " ":
-            pace.resume(now) if pace.paused else pace.pause(now)
+            pace.pause(now, not pace.paused)
         elif key in ("s", "c", RIGHT_ARROW):
-            if not pace.paused:
-                pace.pause(now)
-            self._step = Step.CYCLE if key == "c" and self._stepped_by else Step.MESSAGE
+            pace.pause(now)
+            self._step = MOTOR_STATES.name if key == "c" and MOTOR_STATES.name in self._publishers else ""
         elif key in ("+", "-"):
             pace.change_rate(pace.rate * (2.0 if key == "+" else 0.5), now)
         elif key == "q":
@@ -295,7 +285,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _number(text: str, zero: bool) -> float:
-    """Return a finite number above 0 or, with `zero`, of at least 0."""
+    """Return a finite number above 0 or, with `zero`, 0 or more."""
     try:
         value = float(text)
     except ValueError:

@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from types import MappingProxyType
 from typing import Any, Final
 
 import rclpy
@@ -25,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 
 from cspr_msgs_py.errors import MessageError, ParameterError
 from cspr_msgs_py.message_definitions import message_class
-from cspr_msgs_py.parameters.file import check_arguments
+from cspr_msgs_py.parameters.file import Heard, check_arguments
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.parameters import declare
@@ -42,7 +43,11 @@ _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def run_nodes(
-    factory: Callable[[], Sequence[Node]], args: Sequence[str] | None = None, *, realtime: bool = True
+    factory: Callable[[], Sequence[Node]],
+    args: Sequence[str] | None = None,
+    *,
+    realtime: bool = True,
+    asked_before: Heard = MappingProxyType({}),
 ) -> int:
     """Run the nodes that `factory` creates until SIGINT or SIGTERM, and return the exit status.
 
@@ -60,11 +65,14 @@ def run_nodes(
     realtime : bool
         Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
         All have the parameter ``cpu``, which binds the process to one CPU.
+    asked_before : mapping
+        Parameters of nodes that are there only until the factory has asked for them.
 
     Returns
     -------
     int
-        0 after SIGINT or SIGTERM, 1 after an error, 2 for unknown arguments and parameters.
+        0 after SIGINT or SIGTERM, 1 after an error or with a parameter that no node here takes, 2 for arguments and
+        parameters that nobody knows.
     """
     arguments = list(sys.argv if args is None else args)
     program = os.path.basename(arguments[0]) if arguments else "node"
@@ -80,7 +88,7 @@ def run_nodes(
             )
             return 2
         check_arguments(arguments)
-        return _run(factory, program, realtime)
+        return _run(factory, arguments, program, realtime, asked_before)
     except ParameterError as error:
         _report(program, error)
         return 2
@@ -88,7 +96,13 @@ def run_nodes(
         rclpy.try_shutdown()
 
 
-def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) -> int:
+def _run(
+    factory: Callable[[], Sequence[Node]],
+    arguments: Sequence[str],
+    program: str,
+    realtime: bool,
+    asked_before: Heard,
+) -> int:
     nodes: list[Node] = []
     status = 0
     with _stop_on_signal() as stop:
@@ -96,6 +110,8 @@ def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) ->
             nodes += factory()
             stop.armed = True
             _set_scheduling(nodes, realtime)
+            declared = {node.get_name(): set(node.get_parameters_by_prefix("")) for node in nodes}
+            check_arguments(arguments, {**asked_before, **declared})
             _spin(nodes, stop.future)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
@@ -272,21 +288,12 @@ def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Tim
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-class Diagnostics:
-    """Publishes a node's health on ``/diagnostics`` once a second.
+def report_health(node: Node, statuses: Callable[[], Iterable[Status]]) -> Callable[[], None]:
+    """Publish the statuses of a node on ``/diagnostics`` once a second; return what publishes them at once."""
+    send = sample_publisher(node, DIAGNOSTICS)
 
-    Parameters
-    ----------
-    node : Node
-    callback : callable
-        Returns the statuses to publish.
-    """
+    def report() -> None:
+        send(StatusArray(time.time_ns(), tuple(statuses())))
 
-    def __init__(self, node: Node, callback: Callable[[], Iterable[Status]]) -> None:
-        self._callback = callback
-        self._send = sample_publisher(node, DIAGNOSTICS)
-        self._timer = steady_timer(node, 1.0, self.publish)
-
-    def publish(self) -> None:
-        """Publish now, besides the regular time."""
-        self._send(StatusArray(time.time_ns(), tuple(self._callback())))
+    steady_timer(node, 1.0, report)
+    return report

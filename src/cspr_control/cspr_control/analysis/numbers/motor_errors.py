@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.errors import ControlError
-from cspr_msgs_py.bag.reader import JointStates
+from cspr_msgs_py.bag.columns import JointStates
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -19,7 +19,7 @@ LONGEST_CARRY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class MotorErrors:
-    """Demanded less measured.
+    """Desired minus measured.
 
     Attributes
     ----------
