@@ -29,8 +29,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from heapq import heapify, heapreplace
+from typing import Any, NamedTuple
 
 from cspr_control.components.component import Call, Component, Output, Outputs, Publication, Timer
 from cspr_control.components.feedforward import FeedforwardComponent
@@ -55,12 +55,12 @@ ORDER = (
 """The components of the graph in the order in which they hear a topic: the most urgent answers first."""
 
 
-@dataclass
-class _Due:
-    """When a timer of a component is due next, monotonic s."""
+class Route(NamedTuple):
+    """A way of a topic: the component that hears it, as which of its inputs, and what takes the samples."""
 
-    time: float
-    timer: Timer
+    component: Component
+    input: Topic
+    handle: Callable[[float, Any], Outputs]
 
 
 class ControlGraph:
@@ -92,10 +92,10 @@ class ControlGraph:
         self.components: dict[str, Component] = {}
         self.inputs: dict[str, Topic] = {}
         self._heard_instead = heard_instead or {}
-        self._routes: dict[str, list[Callable[[float, Any], Outputs]]] = {}
-        self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
+        self._routes: dict[str, list[Route]] = {}
         self.services: dict[str, Any] = {}
-        self._due: list[_Due] | None = None
+        # A heap: when each timer is due next, monotonic s, and which of those due at one moment comes first.
+        self._due: list[tuple[float, int, Timer]] = []
         for component in components:
             self.add(component)
 
@@ -109,12 +109,11 @@ class ControlGraph:
             if topic.name not in self.inputs:
                 self.inputs[topic.name] = topic
                 new.append(topic)
-            self._routes.setdefault(topic.name, []).append(component.handler(own))
-            self._listeners.setdefault(topic.name, []).append((component, own))
+            self._routes.setdefault(topic.name, []).append(Route(component, own, component.handler(own)))
         return tuple(new)
 
-    def handlers(self, topic: Topic) -> Sequence[Callable[[float, Any], Outputs]]:
-        """Return what takes the samples of a topic, one for each component that hears it, in their order.
+    def routes(self, topic: Topic) -> Sequence[Route]:
+        """Return the routes of a topic, one for each component that hears it, in their order.
 
         For callers that send each answer at once, so that it does not wait for less urgent ones. Components that are
         added later come last.
@@ -124,7 +123,7 @@ class ControlGraph:
     def deliver(self, topic: Topic, now: float, sample: Any) -> list[Output]:
         """Give a sample to those that hear the topic, and return what they answer, without feeding it through."""
         outputs: list[Output] = []
-        for handle in self._routes.get(topic.name, ()):
+        for _, _, handle in self._routes.get(topic.name, ()):
             outputs += handle(now, sample)
         return outputs
 
@@ -137,33 +136,32 @@ class ControlGraph:
 
     def refuse(self, topic: Topic, problem: str) -> None:
         """Let those that hear the topic count a message that could not be read."""
-        for component, own in self._listeners.get(topic.name, ()):
+        for component, own, _ in self._routes.get(topic.name, ()):
             component.refuse(own, problem)
 
     def begin(self, now: float) -> list[Output]:
         """Return what is published before anything has arrived; timers count from here."""
-        self._due = [
-            _Due(now + timer.period, timer)
-            for component in self.components.values()
-            for timer in component.timers()
-        ]
+        timers = [timer for component in self.components.values() for timer in component.timers()]
+        self._due = [(now + timer.period, order, timer) for order, timer in enumerate(timers)]
+        heapify(self._due)
         begun = (component.begin() for component in self.components.values())
         return self._through([output for outputs in begun for output in outputs], now)
 
     def advance(self, now: float) -> list[Output]:
         """Let each timer that is due by now do its work, each at the time at which it was due, in that order."""
-        if self._due is None:
+        if not self._due:
             return self.begin(now)
         outputs: list[Output] = []
-        while (due := min(self._due, key=lambda due: due.time)).time <= now:
-            outputs += self._through(due.timer.run(due.time), due.time)
-            due.time += due.timer.period
+        while self.next_due <= now:
+            time, order, timer = self._due[0]
+            outputs += self._through(timer.run(time), time)
+            heapreplace(self._due, (time + timer.period, order, timer))
         return outputs
 
     @property
     def next_due(self) -> float:
         """Monotonic time at which `advance` has something to do, s."""
-        return min(due.time for due in self._due or ())
+        return self._due[0][0]
 
     def call(self, now: float, service: str) -> tuple[Decision, list[Output]]:
         """Give a command to the component whose service it is; raises KeyError for another's."""

@@ -24,6 +24,9 @@ from tests.messages import (
     pose_stamped,
 )
 
+from cspr_control.components.payload import PayloadComponent
+from cspr_control.components.pose import PoseComponent
+from cspr_control.components.supervision import SupervisionComponent
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
 from cspr_control.nodes.control import create_control_nodes
@@ -39,7 +42,7 @@ from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Motion, Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
-from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.errors import NodeError, StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.vocabulary import DriverState, Level, PayloadSource, RobotState
 from cspr_msgs_py.wire.joint_state import JointStateCodec, JointStateSample
@@ -674,7 +677,7 @@ def test_nodes_of_one_process_hear_each_topic_once_and_motor_controllers_first(b
     assert len(heard) == len(set(heard))
     graph = nodes[1].wiring.graph
     assert set(heard) == set(graph.inputs)
-    first = [handler.__self__.name for handler in graph.handlers(topics.MOTOR_STATES)][:COUNT]
+    first = [route.component.name for route in graph.routes(topics.MOTOR_STATES)][:COUNT]
     assert first == [f"motor_controller_{k}" for k in range(1, COUNT + 1)]
 
 
@@ -685,3 +688,25 @@ def test_nodes_of_one_process_that_expect_different_rates_are_refused(bench, tmp
         SettingError, match=r"control_rate of pose_estimator is 100\.0, of motor_control_gains 250"
     ):
         create_control_nodes(**bench.options(), cli_args=["--ros-args", "--params-file", str(file)])
+
+
+@pytest.mark.parametrize(
+    ("component", "method", "name"),
+    [
+        (PoseComponent, "on_motor_states", "pose_estimator"),
+        (PayloadComponent, "report", "mass_estimator"),
+        (SupervisionComponent, "status", "supervisor"),
+    ],
+)
+def test_what_goes_wrong_in_a_component_is_an_error_of_its_node(bench, monkeypatch, component, method, name):
+    def fail(*_):
+        raise ValueError("no such thing")
+
+    monkeypatch.setattr(component, method, fail)
+    for node in create_control_nodes(**bench.options()):
+        bench.add(node)
+    with pytest.raises(NodeError, match=f"^{name}$") as error:
+        bench.until(
+            lambda: False, lambda: bench.publish(topics.MOTOR_STATES, MOTORS.encode(STAMP, ZERO, ZERO, ZERO))
+        )
+    assert isinstance(error.value.__cause__, ValueError)

@@ -24,7 +24,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from cspr_msgs_py.errors import MessageError, ParameterError
+from cspr_msgs_py.errors import MessageError, NodeError, ParameterError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.parameters.file import Heard, check_arguments
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
@@ -116,7 +116,7 @@ def _run(
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except Exception as error:
-            status = _report(_node_of(error) or program, error)
+            status = _report(*_blamed(error, program))
         for node in nodes:
             status = max(status, _make_safe(node))
         for node in nodes:
@@ -231,15 +231,16 @@ def _report(name: str, error: Exception) -> int:
     return 1
 
 
-def _node_of(error: Exception) -> str | None:
-    """Return the name of the node that was at work when `error` was raised."""
-    name = None
+def _blamed(error: Exception, program: str) -> tuple[str, Exception]:
+    """Return who was at work when `error` was raised, a node or else the program, and what went wrong."""
+    name = program
     for frame, _ in traceback.walk_tb(error.__traceback__):
-        for owner in (frame.f_locals.get("self"), frame.f_locals.get("node")):
-            if isinstance(owner, Node):
-                with suppress(Exception):  # a node that could not be created has no name yet
-                    name = owner.get_name()
-    return name
+        if isinstance(node := frame.f_locals.get("self"), Node):
+            with suppress(Exception):  # a node that could not be created has no name yet
+                name = node.get_name()
+    while isinstance(error, NodeError) and isinstance(error.__cause__, Exception):
+        name, error = str(error), error.__cause__
+    return name, error
 
 
 def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
