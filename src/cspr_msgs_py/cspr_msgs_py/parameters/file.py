@@ -18,11 +18,10 @@ from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, MarkedYAMLError
 from ruamel.yaml.events import AliasEvent, ScalarEvent
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 from ruamel.yaml.resolver import VersionedResolver
 
 from cspr_msgs_py.errors import ParameterError
-from cspr_msgs_py.parameters.row import shown
 from cspr_msgs_py.parameters.table import (
     ALL_NODES,
     NODES,
@@ -154,7 +153,7 @@ class ParameterFile:
         for node, values in self._nodes.items():
             for name, value in values.items():
                 row = known_parameter(node, name)
-                values[name] = row.in_slow_motion(row.checked(value), speed) if row and row.stretch else value
+                values[name] = row.in_slow_motion(value, speed) if row and row.stretch else value
         everywhere = self._nodes.setdefault(ALL_NODES, {})
         for node in TABLE:
             for name, row in node_parameters(node).items():
@@ -194,9 +193,7 @@ class ParameterFile:
             try:
                 row = known_parameter(node, name)
                 where = f"{node}: "
-                if (
-                    value.value in ("", []) and getattr(value, "style", None) is None
-                ):  # ROS refuses it as well
+                if not value.value and not getattr(value, "style", None):  # no value for ROS; '' is one
                     raise ParameterError(f"{name} is {_shown(value)}; give it a value, or leave it out")
                 values[name] = self._yaml.constructor.construct_document(value)
                 if row and node != ALL_NODES:  # of many nodes, each has its own type and range
@@ -213,11 +210,8 @@ def _node(path: str) -> str:
 
 
 def _shown(value: Node) -> str:
-    """Return a value as it was written, if it is a single one."""
-    if isinstance(value, ScalarNode):
-        return shown(value.value) if value.value else "empty"
-    empty = "[]" if isinstance(value, SequenceNode) else "{}"
-    return empty if not value.value else "a list" if isinstance(value, SequenceNode) else "a mapping"
+    text = f"{value.value:.60}" if isinstance(value, ScalarNode) else "a list or mapping"
+    return text if value.value else "empty"
 
 
 def _entries(section: MappingNode) -> list[tuple[str, Node]]:
