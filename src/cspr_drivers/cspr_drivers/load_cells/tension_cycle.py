@@ -113,7 +113,7 @@ class TensionCycle:
             if value is None:
                 return f"{name} gives no valid value"
             if abs(value) > limit:
-                return f"{name} carries {value:.0f} N: only slack cables, below {limit:g} N, can be tared"
+                return f"{name} carries {value:z.0f} N: only slack cables, below {limit:g} N, can be tared"
         return None
 
     def statistics(self) -> TensionStatistics:

@@ -74,17 +74,25 @@ class Message(NamedTuple):
     data: bytes
 
 
+def find_bag(path: str | os.PathLike[str]) -> Path:
+    """Return the bag that a path stands for: a bag itself, or the one inside the directory of a run."""
+    given = Path(path)
+    inside = given / "bag"
+    return inside if inside.is_dir() and not any(given.glob("*.mcap")) else given
+
+
 class Bag:
     """A bag open for reading.
 
     Parameters
     ----------
     path : path
-        Directory of a bag, or one of its files.
+        Directory of a bag, one of its files, or the directory of a run that has the bag inside.
 
     Attributes
     ----------
     path : Path
+        Of the bag.
     announced_counts : dict of str to int
         Messages of each topic by ``metadata.yaml``: more than there are in a damaged bag, fewer in one whose
         recorder was killed or still runs; empty without that file.
@@ -97,7 +105,7 @@ class Bag:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
+        self.path = find_bag(path)
         self._files: list[McapFile] = []
         paths, self._each_compressed, self.announced_counts = _files(self.path)
         problems: list[BagError] = []
@@ -378,8 +386,7 @@ def _files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
     named = {name.name for name in names}
     names += [file for file in sorted(path.glob("*.mcap"), key=_number) if file.name not in named]
     if not names:
-        hint = f"; perhaps {path / 'bag'} is meant" if (path / "bag").is_dir() else ""
-        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file{hint}")
+        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file")
     return names, mode == "message", counts
 
 
