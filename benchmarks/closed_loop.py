@@ -23,7 +23,3 @@ def main() -> None:
         print(
             f"{name:50}{record.simulated:>9.1f} s{record.elapsed:>9.1f} s{ratio:>8.1f}{aim:>6g}", flush=True
         )
-
-
-if __name__ == "__main__":
-    main()

@@ -103,7 +103,3 @@ def main() -> None:
                 f"{name:28}{loop.cycles:>8}{loop.missed:>8}{loop.missed / loop.cycles:>9.3%}"
                 f"{loop.slow / loop.cycles:>10.3%}{1e3 * loop.latest_start:>18.1f}{1e3 * loop.longest_work:>18.1f}"
             )
-
-
-if __name__ == "__main__":
-    main()

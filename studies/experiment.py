@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
@@ -66,14 +67,9 @@ def run_cases(cases: list[Case]) -> Iterator[tuple[Case, LoopRecord]]:
         yield from zip(cases, pool.imap(run, [case.scenario for case in cases]), strict=True)
 
 
-def rms(values: np.ndarray) -> np.ndarray:
-    """Return the root mean square of each motor's or cable's values (n, m)."""
-    return np.asarray(np.sqrt((values**2).mean(axis=0)))
-
-
 def tension_rms(record: LoopRecord) -> np.ndarray:
     """Return the RMS of the true tensions less those that the feed-forward counted on (m,), N."""
-    return rms(record.tensions - record.asked_tensions)
+    return ErrorStatistics.of(record.tensions - record.asked_tensions).rms
 
 
 def saturated(record: LoopRecord, torque_limit: float) -> float:

@@ -13,7 +13,7 @@ from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.reference.paper import paper_18, paper_19, paper_19_tilt
 from cspr_kinematics import Robot
-from studies.experiment import Case, rms, saturated, tension_rms
+from studies.experiment import Case, saturated, tension_rms
 from studies.tension_deviation import (
     ADDED_AT,
     SAMPLE_TIME,
@@ -106,7 +106,12 @@ def write_loop_tables(results: LoopResults, robot: Robot, directory: Path) -> No
     rows = []
     for case, one in results.items():
         errors, limit = one.errors, robot.motor.torque_limit
-        numbers = (*errors.rms, *errors.maximum, *rms(one.velocity_error), *tension_rms(one))
+        numbers = (
+            *errors.rms,
+            *errors.maximum,
+            *ErrorStatistics.of(one.velocity_error).rms,
+            *tension_rms(one),
+        )
         quality = (float(errors.rms.mean()), saturated(one, limit), one.mass_error, one.settling_time)
         rows.append([case.controller, case.trajectory.value, case.load, case.added, *numbers, *quality])
     head = ["controller", "trajectory", "load_kg", "added_kg"]

@@ -3,16 +3,11 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_control"
-NODES = (
-    "trajectory_publisher",
-    "feedforward",
-    "motor_controller",
-    "pose_estimator",
-    "mass_estimator",
-    "supervisor",
-    "robot_markers",
-    "control",
-)
+COMPONENT_NODES = ("trajectory_publisher", "feedforward", "pose_estimator", "mass_estimator", "supervisor")
+NODES = [
+    *(f"{name} = {PACKAGE}.nodes.control_nodes:{name}" for name in COMPONENT_NODES),
+    *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in ("motor_controller", "robot_markers", "control")),
+]
 PROGRAMS = ("demo", "closed_loop", "analyze", "rerun", "workspace", "faults")
 
 setup(
@@ -28,7 +23,6 @@ setup(
         "setuptools",
         "numpy",
         "scipy",
-        "ruamel.yaml",
         "matplotlib",
         "cspr_drivers",
         "cspr_kinematics",
@@ -41,7 +35,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
+            *NODES,
             *(f"{name} = cspr_msgs_py.programs.cspr:main_of_executable" for name in PROGRAMS),
         ],
         "cspr.programs": [f"{name} = {PACKAGE}.programs.{name}:main" for name in PROGRAMS],

@@ -93,7 +93,7 @@ def test_timers_run_at_the_time_at_which_they_were_due_in_that_order(log):
 
 def test_calls_are_answered_by_whoever_drives_the_graph(log):
     graph = ControlGraph([Echo("a", topics.PAYLOAD, log)])
-    assert graph.services == ("/a/ask",)
+    assert list(graph.services) == ["/a/ask"]
     decision, (call,) = graph.call(1.0, "/a/ask")
     assert decision.message == "a"
     (answer,) = graph.answered(1.5, call, False, "not now")

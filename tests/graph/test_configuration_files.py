@@ -15,6 +15,7 @@ from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Robot
+from cspr_kinematics.configuration.yaml_file import parse_yaml, read_yaml, write_yaml
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
 
@@ -44,6 +45,7 @@ SPELLINGS = [
     "0x10",
     "-0x1F",
     "017",
+    "010",
     "1.0",
     ".5",
     "-1e-3",
@@ -65,7 +67,7 @@ SPELLINGS += ["[1, 2]", "[1.0, 2e-1]", "[yes, off]", "[a, 'off']"]
         (b"---\nodd: 1\n", "found another document (line "),
         (b"odd: \0\n", "special characters are not allowed"),
         (b"odd: \xff\n", "invalid start byte"),
-        (b"odd: &a {b: *a}\n", "maximum recursion depth"),
+        (b"odd: &a {b: *a}\n", "found an alias; write out what it stands for (line "),
         (b"odd: " + b"[" * 2000, "maximum recursion depth"),
         (None, "map"),
     ],
@@ -94,6 +96,66 @@ def test_parameters_are_read_and_written_as_ros_reads_them(tmp_path: Path) -> No
     rewritten.write_text(ours.text(), encoding="utf-8")
     values = {name: (type(value), value) for name, value in ours.of("probe").items()}
     assert values == of_ros(written) == of_ros(rewritten)
+
+
+ODD = [
+    "null",
+    "~",
+    "''",
+    "1_000",
+    "1:30",
+    "2001-01-01",
+    "0b11",
+    "0o17",
+    "08",
+    "!!str 1",
+    "!!float 1",
+    "1.5_0",
+    "|\n  on",
+]
+
+
+@pytest.mark.parametrize("head", ["", "%YAML 1.2\n---\n"], ids=["plain", "says it is YAML 1.2"])
+@pytest.mark.parametrize("text", [*SPELLINGS, *ODD])
+def test_a_spelling_means_the_same_in_every_file(text: str, head: str) -> None:
+    indented = text.replace("\n", "\n    ")
+    parameters = ParameterFile(f"{head}probe:\n  ros__parameters:\n    p: {indented}\n", "control.yaml")
+    ours = parameters.of("probe")["p"]
+    if text == ".inf":  # other nodes may have such parameters
+        assert ours == float("inf")
+        return
+    others = parse_yaml(f"{head}p: {text}\n", "robot.yaml")["p"]
+    assert (type(ours), ours) == (type(others), others)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{q: 1, q: 2}", 'found duplicate key "q" with value "2" (original value: "1")'),
+        ("[{q: 1, q: 2}]", 'found duplicate key "q" with value "2" (original value: "1")'),
+        ("[&a [1], *a]", "found an alias; write out what it stands for (line "),
+        ("{q: &a {r: 1}, s: {<<: *a}}", "found an alias; write out what it stands for (line "),
+        ("[" + "[" * 2000, "maximum recursion depth"),
+        ("!foo 1", "could not determine a constructor for the tag"),
+        ("!!float word", "could not convert string to float"),
+        ("!!python/object/apply:os.getcwd []", "could not determine a constructor for the tag"),
+        ("2001-99-99", "month must be in 1..12"),
+        ("[1, 2", "expected ',' or ']'"),
+    ],
+)
+def test_a_text_is_refused_in_every_file(text: str, words: str) -> None:
+    with pytest.raises(ParameterError) as ours:
+        ParameterFile(f"probe:\n  ros__parameters:\n    p: {text}\n", "control.yaml")
+    with pytest.raises(KinematicsError) as others:
+        parse_yaml(f"p: {text}\n", "robot.yaml")
+    assert words in str(ours.value)
+    assert words in str(others.value)
+
+
+def test_what_is_written_is_read_as_it_was(tmp_path: Path) -> None:
+    content = {"on": ["on", "010", "1:30", True, 8, None], "y": {"n": 1e-3}}
+    write_yaml(tmp_path / "can.yaml", content)
+    assert read_yaml(tmp_path / "can.yaml") == content
 
 
 def of_ros(file: Path) -> dict[str, tuple[type, object]]:

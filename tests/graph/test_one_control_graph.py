@@ -17,12 +17,14 @@ from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_control.nodes import component_node
 from cspr_control.nodes.component_node import Wiring
 from cspr_control.nodes.control import create_control_nodes
-from cspr_control.nodes.feedforward import FeedforwardNode
-from cspr_control.nodes.mass_estimator import MassEstimatorNode
+from cspr_control.nodes.control_nodes import (
+    FeedforwardNode,
+    MassEstimatorNode,
+    PoseEstimatorNode,
+    SupervisorNode,
+    TrajectoryPublisher,
+)
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.pose_estimator import PoseEstimatorNode
-from cspr_control.nodes.supervisor import SupervisorNode
-from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_control.parameters.control_settings import control_settings
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench

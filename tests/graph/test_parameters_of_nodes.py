@@ -11,14 +11,16 @@ import rclpy
 from rclpy.node import Node
 
 from cspr_control.nodes.control import create_control_nodes
-from cspr_control.nodes.feedforward import FeedforwardNode
-from cspr_control.nodes.mass_estimator import MassEstimatorNode
+from cspr_control.nodes.control_nodes import (
+    FeedforwardNode,
+    MassEstimatorNode,
+    PoseEstimatorNode,
+    SupervisorNode,
+    TrajectoryPublisher,
+)
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.pose_estimator import PoseEstimatorNode
 from cspr_control.nodes.robot_markers import RobotMarkers
-from cspr_control.nodes.supervisor import SupervisorNode
-from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_msgs_py.parameters.table import TABLE, node_parameters
 
 ROOT = Path(__file__).parents[2]

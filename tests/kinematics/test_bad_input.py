@@ -39,7 +39,6 @@ from cspr_kinematics import (
     forward_kinematics,
     home_lengths,
     inverse_kinematics,
-    largest_acceleration,
     motion_from_euler,
     motion_from_quaternion,
     pose_covariance,
@@ -109,23 +108,18 @@ def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
         "tensions.wrench": lambda x: distribute_tensions(A, x, *limits),
         "tensions.t_min": lambda x: distribute_tensions(A, w, x, 3000.0, "closest"),
         "tensions.t_max": lambda x: distribute_tensions(A, w, 50.0, x, "closest"),
-        "tensions.reference": lambda x: distribute_tensions(A, w, *limits, "closest", reference=x),
-        "tensions.weights": lambda x: distribute_tensions(A, w, *limits, "closest", weights=_required(x)),
         "tensions.threads": lambda x: distribute_tensions(A, w, *limits, "closest", threads=x),
         "TensionBlend.slew": lambda x: TensionBlend("closest", slew=x),
-        "TensionBlend.reference": lambda x: TensionBlend("closest", slew=1.0, reference=x),
         "forward.lengths": lambda x: forward_kinematics(robot, x),
         "forward.max_residual": lambda x: forward_kinematics(robot, lengths, home, max_residual=x),
         "forward.max_iterations": lambda x: forward_kinematics(robot, lengths, home, max_iterations=x),
         "forward.deviation": lambda x: solve_forward_kinematics(
             robot, lengths, home, length_deviation=_required(x)
         ),
-        "forward.threads": lambda x: solve_forward_kinematics(robot, lengths, home, threads=x),
         "pose_covariance": lambda x: pose_covariance(robot, home, x),
         "Task.payload": lambda x: Task(0.0, x),
         "Task.acceleration": lambda x: Task(linear_acceleration=x),
         "assess_task.lever": lambda x: assess_task(robot, home, lever=x),
-        "largest_acceleration": lambda x: largest_acceleration(robot, home, x),
         "available_wrenches.matrix": lambda x: available_wrenches(x, *limits),
         "available_wrenches.limit": lambda x: available_wrenches(A, x, 3000.0),
         "WrenchSet.margin": available_wrenches(A, *limits).margin,
@@ -197,7 +191,7 @@ def test_numbers_too_large_to_reckon_with(any_robot: Robot, size: float) -> None
     fast, strong = Twist(ZERO, huge[:3]), Acceleration(huge[:3], ZERO)
 
     def closest(wrench: np.ndarray) -> tuple[Any, ...]:
-        return distribute_tensions(A, wrench, robot.tension_min, robot.tension_max, "closest")[:5]
+        return distribute_tensions(A, wrench, robot.tension_min, robot.tension_max, "closest")
 
     attempts: list[Callable[[], tuple[Any, ...]]] = [
         lambda: closest(required_wrench(robot, home, fast, REST[1])),
@@ -209,15 +203,11 @@ def test_numbers_too_large_to_reckon_with(any_robot: Robot, size: float) -> None
         lambda: (forward_kinematics(robot, np.full(m, size)).position,),
     ]
     for method in ("minimum_norm", *bounded_methods(m)):
-        for wrench, low, high, weights in (
-            (huge, 0.0, 3000.0, np.ones(6)),
-            (w, -size, size, np.ones(6)),
-            (1e4 * w, 0.0, 3000.0, huge),
-        ):
+        for wrench, low, high in ((huge, 0.0, 3000.0), (w, -size, size)):
             attempts.append(
-                lambda method=method, wrench=wrench, low=low, high=high, weights=weights: distribute_tensions(
-                    A, wrench, low, high, method, weights=weights
-                )[:5]
+                lambda method=method, wrench=wrench, low=low, high=high: distribute_tensions(
+                    A, wrench, low, high, method
+                )
             )
     for attempt in attempts:
         with warnings.catch_warnings():

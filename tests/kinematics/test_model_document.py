@@ -17,10 +17,10 @@ from cspr_kinematics import (
     Task,
     Twist,
     assess_task,
+    available_wrenches,
     distribute_tensions,
     forward_kinematics,
     inverse_kinematics,
-    largest_acceleration,
     pose_covariance,
     required_wrench,
     solve_forward_kinematics,
@@ -170,7 +170,7 @@ def payload_change_table(robot: Robot, _: Robot) -> Table:
 def pulley_table(robot: Robot, with_pulleys: Robot) -> Table:
     fixed = inverse_kinematics(robot, robot.home)
     over = inverse_kinematics(with_pulleys, robot.home)
-    wraps = over.wrapped_lengths / with_pulleys.pulleys.radius
+    wraps = (over.lengths - over.free_lengths) / with_pulleys.pulleys.radius
     rows = [row("cable", "fixed, m", "R = 50 mm, m", "free part, m", "wrap, degrees")]
     for k in range(robot.number_of_cables):
         lengths = numbers([fixed.lengths[k], over.lengths[k], over.free_lengths[k]], 4)
@@ -239,10 +239,22 @@ def method_table(robot: Robot, _: Robot) -> Table:
     return rows
 
 
+def largest_acceleration(robot: Robot, direction: np.ndarray) -> float:
+    """From rest at home with the payload, as far as the faces of the wrenches within reach are."""
+    home = robot.home
+    A = inverse_kinematics(robot, home).wrench_matrix
+    reach = available_wrenches(A, robot.tension_min, robot.tension_max)
+    rest = static_wrench(robot, home, PAYLOAD)
+    acceleration = Acceleration(direction[:3], direction[3:])
+    slope = reach.normals @ (required_wrench(robot, home, Twist.zero(), acceleration, PAYLOAD) - rest)
+    outwards = slope > 0.0
+    return float(((reach.offsets - reach.normals @ rest)[outwards] / slope[outwards]).min())
+
+
 def reach_table(robot: Robot, _: Robot) -> Table:
     home = robot.home
     empty, loaded = (assess_task(robot, home, Task(mass, mass)) for mass in (0.0, PAYLOAD.mass))
-    upwards, turning = ([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    upwards, turning = (largest_acceleration(robot, np.eye(6)[axis]) for axis in (2, 5))
     return [
         row("quantity at home, at rest", "value"),
         row("margin of the empty platform", f"{float(empty.margin):.1f} N"),
@@ -250,11 +262,11 @@ def reach_table(robot: Robot, _: Robot) -> Table:
         row("largest payload", f"{float(empty.payload_max):.1f} kg"),
         row(
             "largest acceleration upwards with 200 kg",
-            f"{largest_acceleration(robot, home, upwards, PAYLOAD):.2f} m/s^2",
+            f"{upwards:.2f} m/s^2",
         ),
         row(
             "largest angular acceleration about z with 200 kg",
-            f"{largest_acceleration(robot, home, turning, PAYLOAD):.2f} rad/s^2",
+            f"{turning:.2f} rad/s^2",
         ),
     ]
 

@@ -40,7 +40,14 @@ def recorded(topic: Topic) -> RecordedTopic:
         topic.name,
         topic.type,
         message_definition(topic.type),
-        (OfferedQos("keep_last", topic.depth, topic.reliability.value, topic.durability.value),),
+        (
+            OfferedQos(
+                "keep_last",
+                topic.depth,
+                "reliable" if topic.reliable else "best_effort",
+                "transient_local" if topic.latched else "volatile",
+            ),
+        ),
     )
 
 

@@ -13,8 +13,6 @@ from cspr_msgs_py.topics import (
     ROBOT_STATE,
     SETPOINT,
     TRAJECTORY_STATE,
-    Durability,
-    Reliability,
     graph_topics,
     motor_command,
 )
@@ -64,6 +62,7 @@ def test_states_are_latched(topic) -> None:
 
 
 def test_diagnostics_are_reliable_and_not_latched() -> None:
-    assert DIAGNOSTICS.reliability is Reliability.RELIABLE
-    assert DIAGNOSTICS.durability is Durability.VOLATILE
-    assert qos_profile(DIAGNOSTICS).depth == 10
+    profile = qos_profile(DIAGNOSTICS)
+    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.durability == DurabilityPolicy.VOLATILE
+    assert profile.depth == 10

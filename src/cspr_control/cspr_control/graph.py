@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cspr_control.components.component import Call, Component, Output, Outputs, Publication
+from cspr_control.components.component import Call, Component, Output, Outputs, Publication, Timer
 from cspr_control.components.feedforward import FeedforwardComponent
 from cspr_control.components.motor import MotorComponent
 from cspr_control.components.payload import PayloadComponent
@@ -50,8 +50,7 @@ class _Due:
     """When a timer of a component is due next, monotonic s."""
 
     time: float
-    period: float
-    run: Any
+    timer: Timer
 
 
 class ControlGraph:
@@ -71,6 +70,8 @@ class ControlGraph:
         By name.
     inputs
         Topics that some component hears, by name.
+    services
+        The commands that `call` takes, by name.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class ControlGraph:
         self._heard_instead = heard_instead or {}
         self._routes: dict[str, list[Callable[[float, Any], Outputs]]] = {}
         self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
-        self._services: dict[str, Any] = {}
+        self.services: dict[str, Any] = {}
         self._due: list[_Due] | None = None
         for component in components:
             self.add(component)
@@ -91,7 +92,7 @@ class ControlGraph:
     def add(self, component: Component) -> tuple[Topic, ...]:
         """Wire one more component; returns the topics that nobody has heard before it."""
         self.components[component.name] = component
-        self._services |= component.services()
+        self.services |= component.services()
         new = []
         for own in component.inputs:
             topic = self._heard_instead.get((component.name, own.name), own)
@@ -101,11 +102,6 @@ class ControlGraph:
             self._routes.setdefault(topic.name, []).append(component.handler(own))
             self._listeners.setdefault(topic.name, []).append((component, own))
         return tuple(new)
-
-    @property
-    def services(self) -> tuple[str, ...]:
-        """Names of the commands that `call` takes."""
-        return tuple(self._services)
 
     def handlers(self, topic: Topic) -> Sequence[Callable[[float, Any], Outputs]]:
         """Return what takes the samples of a topic, one for each component that hears it, in their order.
@@ -137,7 +133,7 @@ class ControlGraph:
     def begin(self, now: float) -> list[Output]:
         """Return what is published before anything has arrived; timers count from here."""
         self._due = [
-            _Due(now + timer.period, timer.period, timer.run)
+            _Due(now + timer.period, timer)
             for component in self.components.values()
             for timer in component.timers()
         ]
@@ -150,8 +146,8 @@ class ControlGraph:
             return self.begin(now)
         outputs: list[Output] = []
         while (due := min(self._due, key=lambda due: due.time)).time <= now:
-            outputs += self._through(due.run(due.time), due.time)
-            due.time += due.period
+            outputs += self._through(due.timer.run(due.time), due.time)
+            due.time += due.timer.period
         return outputs
 
     @property
@@ -161,7 +157,7 @@ class ControlGraph:
 
     def call(self, now: float, service: str) -> tuple[Decision, list[Output]]:
         """Give a command to the component whose service it is; raises KeyError for another's."""
-        decision, outputs = self._services[service](now)
+        decision, outputs = self.services[service](now)
         return decision, self._through(outputs, now)
 
     def answered(self, now: float, call: Call, accepted: bool, message: str) -> list[Output]:

@@ -38,14 +38,13 @@ from cspr_kinematics.tensions.distribute import Method as Method
 from cspr_kinematics.tensions.distribute import bounded_methods as bounded_methods
 from cspr_kinematics.tensions.distribute import distribute_tensions as distribute_tensions
 from cspr_kinematics.tensions.result import TensionResult as TensionResult
+from cspr_kinematics.workspace.exploration import explore_workspace as explore_workspace
 from cspr_kinematics.workspace.feasibility import Feasibility as Feasibility
 from cspr_kinematics.workspace.feasibility import Task as Task
 from cspr_kinematics.workspace.feasibility import assess_task as assess_task
-from cspr_kinematics.workspace.feasibility import largest_acceleration as largest_acceleration
 from cspr_kinematics.workspace.interference import Interference as Interference
 from cspr_kinematics.workspace.interference import NearestPair as NearestPair
 from cspr_kinematics.workspace.interference import cable_interference as cable_interference
 from cspr_kinematics.workspace.workspace import Workspace as Workspace
-from cspr_kinematics.workspace.workspace import explore_workspace as explore_workspace
 from cspr_kinematics.workspace.wrench_set import WrenchSet as WrenchSet
 from cspr_kinematics.workspace.wrench_set import available_wrenches as available_wrenches

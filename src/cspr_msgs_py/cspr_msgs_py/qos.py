@@ -6,7 +6,7 @@ from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from cspr_msgs_py.bag.metadata import INFINITE, OfferedQos
-from cspr_msgs_py.topics import Reliability, Topic
+from cspr_msgs_py.topics import Topic
 
 
 def _profile(depth: int, reliable: bool, latched: bool) -> QoSProfile:
@@ -20,7 +20,7 @@ def _profile(depth: int, reliable: bool, latched: bool) -> QoSProfile:
 
 def qos_profile(topic: Topic) -> QoSProfile:
     """Return the profile with which `topic` is published and subscribed."""
-    return _profile(topic.depth, topic.reliability is Reliability.RELIABLE, topic.latched)
+    return _profile(topic.depth, topic.reliable, topic.latched)
 
 
 def compatible_profile(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:

@@ -12,20 +12,6 @@ BASE_FRAME = "base"
 PLATFORM_FRAME = "platform"
 
 
-class Reliability(Enum):
-    """Whether the middleware repeats what was lost on the way."""
-
-    RELIABLE = "reliable"
-    BEST_EFFORT = "best_effort"
-
-
-class Durability(Enum):
-    """Whether a subscriber that joins late is given the last message (a latched topic)."""
-
-    VOLATILE = "volatile"
-    TRANSIENT_LOCAL = "transient_local"
-
-
 class Rate(Enum):
     """How often a topic is published, where that is not a fixed number of hertz."""
 
@@ -51,8 +37,12 @@ class Topic:
         Name of the node that publishes it; ``*`` where every node does.
     content : str
         What a message holds, with units.
-    reliability, durability, depth
-        Quality of service of publisher and subscribers; the history keeps the last `depth` messages.
+    reliable : bool
+        Whether the middleware repeats what was lost on the way.
+    latched : bool
+        Whether a subscriber that joins late is given the last message.
+    depth : int
+        The history of publisher and subscribers keeps the last `depth` messages.
     """
 
     name: str
@@ -60,14 +50,9 @@ class Topic:
     rate: Rate | float
     writer: str
     content: str
-    reliability: Reliability
-    durability: Durability
+    reliable: bool
+    latched: bool
     depth: int
-
-    @property
-    def latched(self) -> bool:
-        """Whether a late subscriber receives the last message."""
-        return self.durability is Durability.TRANSIENT_LOCAL
 
 
 MULTI_DOF_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
@@ -89,13 +74,13 @@ def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str)
     it is merely slower.
     """
     depth = 1 if rate in (Rate.CONTROL, Rate.BUS) else 5
-    return Topic(name, type, rate, writer, content, Reliability.BEST_EFFORT, Durability.VOLATILE, depth)
+    return Topic(name, type, rate, writer, content, reliable=False, latched=False, depth=depth)
 
 
 # A topic of states: everyone has the current one, whenever they join.
-_latched = partial(Topic, reliability=Reliability.RELIABLE, durability=Durability.TRANSIENT_LOCAL, depth=1)
+_latched = partial(Topic, reliable=True, latched=True, depth=1)
 # A topic of events: none may be lost, old ones are of no use to late subscribers.
-_reliable = partial(Topic, reliability=Reliability.RELIABLE, durability=Durability.VOLATILE, depth=10)
+_reliable = partial(Topic, reliable=True, latched=False, depth=10)
 
 REFERENCE = _stream(
     "/reference",

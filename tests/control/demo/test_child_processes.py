@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cspr_control.demo.child_processes import ChildDiedError, ChildProcesses
+from cspr_control.demo.child_processes import ChildProcesses
+from cspr_control.errors import ControlError
 
 OBEDIENT = """
 import signal, sys, time
@@ -65,7 +66,7 @@ def test_a_dead_child_is_named_with_its_last_words(modules: Path, tmp_path: Path
         children.start("the_node", "dying")
         children._children["the_node"].wait(timeout=20.0)
         children.check(["another"])
-        with pytest.raises(ChildDiedError, match=r"the_node ended with exit status 3") as error:
+        with pytest.raises(ControlError, match=r"the_node ended with exit status 3") as error:
             children.check()
     assert "so long" in str(error.value)
     assert str(tmp_path / "log" / "the_node.log") in str(error.value)
@@ -77,5 +78,5 @@ def test_a_killed_child_is_reported_with_its_signal(modules: Path, tmp_path: Pat
         wait_for_log(children, "victim", "ready")
         os.kill(children._children["victim"].pid, 9)
         children._children["victim"].wait()
-        with pytest.raises(ChildDiedError, match="signal SIGKILL"):
+        with pytest.raises(ControlError, match="signal SIGKILL"):
             children.check()

@@ -6,7 +6,8 @@ import os
 
 import pytest
 
-from cspr_control.demo.ros_domain import DEMO_DOMAINS, DomainTakenError, claim_domain
+from cspr_control.demo.ros_domain import DEMO_DOMAINS, claim_domain
+from cspr_control.errors import ControlError
 
 
 def test_two_graphs_have_two_domains(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,7 +25,7 @@ def test_a_domain_that_is_set_is_kept_and_not_shared(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("ROS_DOMAIN_ID", "97")
     with claim_domain():
         assert os.environ["ROS_DOMAIN_ID"] == "97"
-        with pytest.raises(DomainTakenError, match="ROS domain 97 is taken"):
+        with pytest.raises(ControlError, match="ROS domain 97 is taken"):
             claim_domain()
     claim_domain().close()  # free again
 
@@ -33,5 +34,5 @@ def test_when_every_domain_is_taken_they_are_named(monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("ROS_DOMAIN_ID", "98")
     with claim_domain():
         monkeypatch.delenv("ROS_DOMAIN_ID")
-        with pytest.raises(DomainTakenError, match="ROS domain 98, 98"):
+        with pytest.raises(ControlError, match="ROS domain 98, 98"):
             claim_domain([98, 98])

@@ -1,11 +1,13 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cspr_control.errors import MeasurementError, SettingError
-from cspr_control.estimation.payload import EstimatorSettings, Invalidity, PayloadEstimator
+from cspr_control.estimation.payload import Invalidity, PayloadEstimator
 from cspr_control.estimation.payload_measurement import measure_payload
+from cspr_control.parameters.settings import estimator_settings
 from cspr_kinematics import (
     Payload,
     Pose,
@@ -13,9 +15,11 @@ from cspr_kinematics import (
     inverse_kinematics,
     static_wrench,
 )
+from cspr_msgs_py.parameters.table import defaults
 
 PERIOD = 0.02
 NANOSECONDS = 1_000_000_000
+SETTINGS = estimator_settings(defaults("mass_estimator"))
 
 
 def static_tensions(robot, pose, payload):
@@ -29,7 +33,7 @@ class Bench:
 
     def __init__(self, robot, rng=None, noise=0.0, pose=None, **settings):
         self.robot = robot
-        self.estimator = PayloadEstimator(robot, EstimatorSettings(**settings))
+        self.estimator = PayloadEstimator(robot, replace(SETTINGS, **settings))
         self.time = 100.0
         self.pose = pose or robot.home
         self._rng, self._noise = rng, noise
@@ -121,7 +125,7 @@ def test_centre_of_mass_is_bounded_and_absent_without_payload(robot):
 
 
 def test_before_the_first_inputs(robot):
-    estimator = PayloadEstimator(robot, EstimatorSettings(), Payload(12.0, np.zeros(3)))
+    estimator = PayloadEstimator(robot, SETTINGS, Payload(12.0, np.zeros(3)))
     assert estimator.update(1.0).invalidities == (Invalidity.NO_POSE,)
     estimator.observe_tensions(1.0, 1, np.zeros(8))
     assert estimator.update(1.01).invalidities == (Invalidity.NO_POSE,)
@@ -185,7 +189,7 @@ def test_stale_pose_and_tensions_hold_the_estimate(robot):
 
 @pytest.mark.parametrize("tensions", [[1.0] * 7, [*[100.0] * 7, math.nan]])
 def test_tensions_that_cannot_be_used_are_refused(robot, tensions):
-    estimator = PayloadEstimator(robot, EstimatorSettings())
+    estimator = PayloadEstimator(robot, SETTINGS)
     with pytest.raises(MeasurementError, match="8 finite"):
         estimator.observe_tensions(1.0, 1, tensions)
 
@@ -195,4 +199,4 @@ def test_tensions_that_cannot_be_used_are_refused(robot, tensions):
 )
 def test_settings_are_checked(setting):
     with pytest.raises(SettingError, match=next(iter(setting))):
-        EstimatorSettings(**setting)
+        replace(SETTINGS, **setting)

@@ -133,7 +133,8 @@ def test_rviz_shows_the_markers_in_base(robot):
     for display in displays.values():
         if "Topic" in display:
             topic = TOPICS[display["Topic"]["Value"]]
-            assert display["Topic"]["Reliability Policy"].lower().replace(" ", "_") == topic.reliability.value
+            policy = "Reliable" if topic.reliable else "Best Effort"
+            assert display["Topic"]["Reliability Policy"] == policy
     shapes = [
         *frame_shapes(robot), platform_shape(robot, POSE), cable_shape(robot, POSE, None),
         *payload_shapes(POSE, Payload.none()), trajectory_shape(paper_19(robot.trajectory_center)),

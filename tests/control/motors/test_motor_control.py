@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -70,7 +71,7 @@ def test_no_torque_from_a_stale_setpoint(controller, time, stamp):
 
 def test_gains_change_between_two_commands(controller):
     controller.set_setpoint(10.0, STAMP, 1.0, 0.0, 0.0)
-    controller.set_gains(MotorGains(kp=1.0, kd=0.0, friction_compensation=0.0))
+    controller.set_gains(replace(GAINS, kp=1.0, kd=0.0, friction_compensation=0.0))
     assert controller.command(10.0, STAMP, 0.5, 3.0) == pytest.approx(0.5)
 
 
@@ -86,13 +87,13 @@ def test_gains_change_between_two_commands(controller):
 )
 def test_gains_are_checked(gains):
     with pytest.raises(SettingError, match=next(iter(gains))):
-        MotorGains(**gains)
+        replace(GAINS, **gains)
 
 
 def test_derivative_gain_must_fit_inertia_and_rate():
-    MotorGains(kd=0.49).require_sampled_stability(0.001, 0.004)
+    replace(GAINS, kd=0.49).require_sampled_stability(0.001, 0.004)
     with pytest.raises(SettingError, match=r"must stay below 0\.5"):
-        MotorGains(kd=0.5).require_sampled_stability(0.001, 0.004)
+        replace(GAINS, kd=0.5).require_sampled_stability(0.001, 0.004)
 
 
 def test_sampled_stability_limit_is_the_real_one():

@@ -27,13 +27,15 @@ from tests.messages import (
 from cspr_control.errors import ControlError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
 from cspr_control.nodes.control import create_control_nodes
-from cspr_control.nodes.feedforward import FeedforwardNode
-from cspr_control.nodes.mass_estimator import MassEstimatorNode
+from cspr_control.nodes.control_nodes import (
+    FeedforwardNode,
+    MassEstimatorNode,
+    PoseEstimatorNode,
+    SupervisorNode,
+    TrajectoryPublisher,
+)
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.motor_controller import MotorControllerNode
-from cspr_control.nodes.pose_estimator import PoseEstimatorNode
-from cspr_control.nodes.supervisor import SupervisorNode
-from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_control.reference.paper import paper_19
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
@@ -41,7 +43,7 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.vocabulary import DriverState, Level, PayloadSource, RobotState
-from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.joint_state import JointStateCodec, JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 COUNT = 8
@@ -653,8 +655,8 @@ def test_supervisor_says_that_nobody_answers(bench, robot):
     states = bench.listen(topics.ROBOT_STATE)
     now = time.monotonic()
     checks = node.component.supervisor.checks
-    checks.observe_motors(now, STAMP, ZERO, ZERO, ZERO)
-    checks.observe_setpoint(now, STAMP, ZERO, ZERO)
+    checks.observe_motors(now, JointStateSample(STAMP, ZERO, ZERO, ZERO))
+    checks.observe_setpoint(now, JointStateSample(STAMP, ZERO, ZERO, ZERO))
     checks.observe_tensions(now, np.full(COUNT, 400.0))
     checks.observe_pose(now, robot.home.position)
     node.component.supervisor.observe_drives(now, DriverState.DISABLED)

@@ -4,9 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings
-from cspr_control.motors.motor_control import MotorGains
 from cspr_control.parameters.settings import (
     estimator_settings,
     feedforward_settings,
@@ -14,10 +12,9 @@ from cspr_control.parameters.settings import (
     supervision_limits,
     trajectory_settings,
 )
-from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot, bounded_methods
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.parameters.table import known_parameter
+from cspr_msgs_py.parameters.table import defaults, known_parameter
 from cspr_msgs_py.vocabulary import TrajectoryName
 
 
@@ -27,12 +24,14 @@ def file(robot_file: Path) -> ParameterFile:
 
 
 def test_the_shipped_file_makes_the_settings_that_there_are_without_it(file, robot: Robot) -> None:
-    assert motor_gains(robot, file.values("motor_control_gains")) == MotorGains()
-    assert estimator_settings(file.values("mass_estimator")) == EstimatorSettings()
+    assert motor_gains(robot, file.values("motor_control_gains")) == motor_gains(
+        robot, defaults("motor_control_gains")
+    )
+    assert estimator_settings(file.values("mass_estimator")) == estimator_settings(defaults("mass_estimator"))
     settings = feedforward_settings(8, file.values("feedforward"))
     assert settings.switch_slew == FeedforwardSettings().switch_slew == 2.0
     limits = supervision_limits(robot, file.values("supervisor"))
-    assert limits.max_ages == SupervisionLimits().max_ages
+    assert limits == supervision_limits(robot, defaults("supervisor"))
     assert limits.tension_max == robot.tension_max
     trajectory = trajectory_settings(robot, file.values("trajectory_publisher"))
     assert trajectory.name is TrajectoryName.PAPER_19

@@ -8,10 +8,12 @@ from cspr_control.reference.paper import paper_19, paper_19_tilt
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.trajectory import Hold
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import TrajectoryPhase
 
 CYCLE = 4_000_000  # ns
 BEGIN = 1_700_000_000 * SECOND + 123
+TIMES = {name: defaults("trajectory_publisher")[name] for name in ("dwell", "stop_time", "max_gap")}
 
 
 @pytest.fixture
@@ -32,7 +34,7 @@ def positions(points):
 
 
 def test_idle_without_a_pose(limits, robot):
-    player = TrajectoryPlayer(limits)
+    player = TrajectoryPlayer(limits, **TIMES)
     assert player.phase is TrajectoryPhase.IDLE
     assert player.sample(BEGIN) is None
     with pytest.raises(TrajectoryError, match="no pose"):
@@ -146,7 +148,7 @@ def test_time_that_goes_back_does_not_move_the_reference_back(player, robot):
     [(SECOND, "no motor states came for 1.000 s"), (-SECOND, "the clock went back by 1.000 s")],
 )
 def test_motion_ends_where_it_was_when_time_jumps(robot, limits, gap, interruption):
-    player = TrajectoryPlayer(limits, dwell=0.0)
+    player = TrajectoryPlayer(limits, **{**TIMES, "dwell": 0.0})
     player.hold(robot.home)
     player.sample(BEGIN)
     player.start(paper_19(robot.trajectory_center))
@@ -163,7 +165,7 @@ def test_motion_ends_where_it_was_when_time_jumps(robot, limits, gap, interrupti
 
 
 def test_start_before_the_first_sample_is_refused(robot, limits):
-    player = TrajectoryPlayer(limits)
+    player = TrajectoryPlayer(limits, **TIMES)
     player.hold(robot.home)
     with pytest.raises(TrajectoryError, match="no pose"):
         player.start(Hold(robot.home, 1.0))
@@ -171,4 +173,4 @@ def test_start_before_the_first_sample_is_refused(robot, limits):
 
 def test_settings_are_checked(limits):
     with pytest.raises(TrajectoryError, match="stop_time"):
-        TrajectoryPlayer(limits, stop_time=0.0)
+        TrajectoryPlayer(limits, **{**TIMES, "stop_time": 0.0})

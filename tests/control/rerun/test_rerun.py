@@ -12,8 +12,9 @@ from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, Paramet
 from rclpy.serialization import serialize_message
 from rosbags.typesys import get_types_from_msg
 
-from cspr_control.estimation.payload import EstimatorSettings, PayloadEstimator
+from cspr_control.estimation.payload import PayloadEstimator
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
+from cspr_control.parameters.settings import estimator_settings
 from cspr_control.programs import rerun
 from cspr_control.reference.paper import paper_19
 from cspr_control.rerun.bag import DEFINITIONS
@@ -23,6 +24,7 @@ from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import FeedforwardModel
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
@@ -43,7 +45,7 @@ INERTIA = StampedDoublesCodec(topics.PLATFORM_FRAME, INERTIA_DOUBLES)
 REFERENCE = ReferenceCodec()
 PARAMETER_EVENTS = topics.Topic(
     "/parameter_events", "rcl_interfaces/msg/ParameterEvent", topics.Rate.ON_CHANGE, "*", "",
-    topics.Reliability.RELIABLE, topics.Durability.VOLATILE, 10,
+    reliable=True, latched=False, depth=10,
 )  # fmt: skip
 RECORDED = (
     topics.CABLE_TENSIONS, topics.PLATFORM_POSE, topics.REFERENCE, topics.PAYLOAD, topics.SETPOINT,
@@ -57,7 +59,7 @@ class Graph:
     def __init__(self, robot, model_change=None):
         self.messages = []  # topic, received, published, data
         self._robot = robot
-        self._estimator = PayloadEstimator(robot, EstimatorSettings())
+        self._estimator = PayloadEstimator(robot, estimator_settings(defaults("mass_estimator")))
         self._feedforward = Feedforward(robot, FeedforwardSettings())
         self._trajectory = paper_19(robot.trajectory_center)
         self._rng = np.random.default_rng(7)

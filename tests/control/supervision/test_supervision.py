@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,12 +8,15 @@ from cspr_control.errors import SettingError
 from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
 from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.supervisor import Action, Supervisor
+from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.joint_state import JointStateSample
 
 COUNT = 8
 PAY_OUT = 0.002  # m/rad
 STEP = 0.02
 LIMITS = SupervisionLimits(
+    max_ages={source: defaults("supervisor")[f"max_age.{source.name.lower()}"] for source in MonitoredInput},
     following_error=1.0,
     following_error_time=0.1,
     tension_min=50.0,
@@ -65,10 +69,11 @@ class Rig:
         stamp = round(self.time * 1e9)
         checks = self.supervisor.checks
         if MonitoredInput.MOTOR_STATES not in self.silent:
-            checks.observe_motors(self.time, stamp, self.angles, self.speeds, self.torques)
+            checks.observe_motors(self.time, JointStateSample(stamp, self.angles, self.speeds, self.torques))
         if MonitoredInput.SETPOINT not in self.silent:
             # For the next cycle, at 2 rad/s: at the time of the state the desired angle is zero.
-            checks.observe_setpoint(self.time, stamp + 4_000_000, np.full(COUNT, 0.008), np.full(COUNT, 2.0))
+            ahead = np.full(COUNT, 0.008), np.full(COUNT, 2.0), np.zeros(COUNT)
+            checks.observe_setpoint(self.time, JointStateSample(stamp + 4_000_000, *ahead))
         if MonitoredInput.CABLE_TENSIONS not in self.silent:
             noise = self.noise.uniform(-2.0, 2.0, COUNT)
             checks.observe_tensions(self.time, np.where(self.stuck, self.tensions, self.tensions + noise))
@@ -76,7 +81,7 @@ class Rig:
             checks.observe_pose(self.time, self.position)
         if MonitoredInput.DRIVE_STATES not in self.silent:
             self.supervisor.observe_drives(self.time, self.drives, self.cause)
-        self.supervisor.observe_trajectory(self.phase)
+        self.supervisor.phase = self.phase
 
     def enabled(self):
         self.step()
@@ -380,7 +385,7 @@ def test_brakes_that_hold_contradict_no_load_cell(rig):
 
 def test_a_recording_that_fails_stops_the_robot_once(rig):
     rig.enabled()
-    rig.supervisor.observe_recording("no space left on device")
+    rig.supervisor.recording_problem = "no space left on device"
     rig.assert_controlled_stop(rig.step(), FaultKind.RECORDING, "no space left")
     assert rig.supervisor.reset(rig.time).accepted
     rig.step(0.1)
@@ -390,14 +395,14 @@ def test_a_recording_that_fails_stops_the_robot_once(rig):
 
 def test_a_load_cell_that_its_driver_finds_faulty_stops_the_robot_along_its_path(rig):
     rig.enabled()
-    rig.supervisor.observe_load_cells("cable_3: silent")
+    rig.supervisor.load_cell_problem = "cable_3: silent"
     rig.assert_controlled_stop(rig.step(), FaultKind.LOAD_CELL, "cable_3: silent")
 
 
 def test_a_fault_that_ends_a_stop_along_the_path_is_named_after_the_first(rig):
     """On a dead bus the load cells may be missed a moment before the drives are."""
     rig.enabled()
-    rig.supervisor.observe_load_cells("cable_1, cable_2: silent")
+    rig.supervisor.load_cell_problem = "cable_1, cable_2: silent"
     rig.step()
     assert rig.supervisor.state is RobotState.STOPPING
     rig.drives, rig.cause = DriverState.FAULT, "all drives: silent for 104 ms"
@@ -410,17 +415,17 @@ def test_a_fault_that_ends_a_stop_along_the_path_is_named_after_the_first(rig):
 
 def test_a_faulty_load_cell_keeps_the_robot_from_being_enabled(rig):
     rig.step()
-    rig.supervisor.observe_load_cells("cable_3: not valid")
+    rig.supervisor.load_cell_problem = "cable_3: not valid"
     decision = rig.supervisor.enable(rig.time)
     assert not decision.accepted
     assert "load cells: cable_3: not valid" in decision.message
-    rig.supervisor.observe_load_cells("")
+    rig.supervisor.load_cell_problem = ""
     rig.enabled()
     assert rig.step(1.0) == []
 
 
 def test_a_recording_that_failed_before_enabling_stops_nothing(rig):
-    rig.supervisor.observe_recording("no space left on device")
+    rig.supervisor.recording_problem = "no space left on device"
     rig.enabled()
     assert rig.step(1.0) == []
 
@@ -552,4 +557,4 @@ def test_lasting_violation_is_per_member():
 )
 def test_limits_are_checked(limit):
     with pytest.raises(SettingError, match=next(iter(limit))):
-        SupervisionLimits(**limit)
+        replace(LIMITS, **limit)

@@ -431,7 +431,7 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
     answers.write_text("taken_off.3: yes\n")
     assert main(arguments) == 1
     assert (
-        "taken_off.3 = 'yes': unknown key; did you mean taken-off? Known here: again"
+        "taken_off.3 = True: unknown key; did you mean taken-off? Known here: again"
         in capsys.readouterr().err
     )
     answers.write_text("home: yes\nwrite: no\n")

@@ -3,9 +3,7 @@ import math
 import pytest
 
 from cspr_drivers.drives.motor_feedback import PositionDifference
-from cspr_drivers.drives.torque_frames import CommandCheck, CommandFault
-
-CHECK = CommandCheck(torque_limit=10.0, timeout=0.05)
+from cspr_drivers.drives.torque_frames import CommandFault, command_fault
 
 
 @pytest.mark.parametrize(
@@ -24,7 +22,7 @@ CHECK = CommandCheck(torque_limit=10.0, timeout=0.05)
     ],
 )
 def test_what_is_wrong_with_a_command(torque, age, fault):
-    assert CHECK.fault(torque, age) is fault
+    assert command_fault(torque, 10.0, age, 0.05) is fault
 
 
 def test_speed_is_taken_over_the_time_that_passed():

@@ -20,9 +20,30 @@ def answer(cycle, index, data="10 27 00 00 00", now=10.001):
 def test_the_last_frame_completes_the_tensions_of_a_sync(cycle):
     assert [answer(cycle, index) for index in range(7)] == [None] * 7
     complete = answer(cycle, 7, "E8 03 00 00 00")
-    assert complete.stamp_ns == 7
-    assert complete.tensions == pytest.approx([1000.0] * 7 + [100.0])
+    assert complete == (7, pytest.approx((1000.0,) * 7 + (100.0,)))
     assert cycle.problems(10.002, {}) == {}
+
+
+def test_values_after_the_set_is_complete_are_ignored(cycle, config):
+    assert answer(LoadCellCycle(config), 0) is None  # before the first SYNC
+    for index in (*range(7), 0):
+        assert answer(cycle, index, "E8 03 00 00 00" if index else "10 27 00 00 00") is None
+    assert answer(cycle, 7) == (7, pytest.approx((1000.0,) + (100.0,) * 6 + (1000.0,)))
+    assert answer(cycle, 7, "E8 03 00 00 00") is None
+    cycle.sync(10.004, 8)
+    assert cycle.statistics().incomplete_cycles == 0
+
+
+def test_a_late_value_is_counted(cycle):
+    for index in range(7):
+        answer(cycle, index)
+    cycle.sync(10.004, 8)
+    for index in range(7):
+        answer(cycle, index)
+    stamp_ns, tensions = answer(cycle, 7, "E8 03 00 00 00")  # the answer to SYNC 7
+    assert (stamp_ns, tensions[7]) == (8, pytest.approx(100.0))
+    counts = cycle.statistics().answers[7]
+    assert (counts.late, counts.missing) == (1, 1)
 
 
 def test_what_is_wrong_with_each_cell_is_named(cycle, config):

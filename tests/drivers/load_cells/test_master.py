@@ -5,7 +5,6 @@ import pytest
 from cspr_drivers.config.can_file import LoadCellChecks
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.load_cells.stuck_cells import StuckCells
-from cspr_drivers.load_cells.tension_cycle import TensionCycle
 
 
 class Rig:
@@ -125,21 +124,6 @@ def test_a_cell_without_heartbeat_is_reported_and_configured_again(rig, far_end,
     wait_until(lambda: far_end.cells[3].writes)
 
 
-def test_values_after_the_set_is_complete_are_ignored():
-    cycle = TensionCycle(["cable_1", "cable_2"])
-    assert cycle.measured(0, 1.0, "") is None  # before the first SYNC
-    cycle.sync(7)
-    assert cycle.measured(0, 1.0, "") is None
-    assert cycle.measured(0, 3.0, "") is None
-    complete = cycle.measured(1, 2.0, "")
-    assert complete is not None
-    assert complete.stamp_ns == 7
-    assert complete.tensions == (1.0, 2.0)
-    assert cycle.measured(1, 4.0, "") is None
-    cycle.sync(8)
-    assert cycle.statistics().incomplete_cycles == 0
-
-
 def test_an_answer_lost_while_taring_is_not_asked_for_again(rig, far_end, wait_until):
     far_end.cells[4].unanswered[0x6125, 1] = 1
     rig.sync()
@@ -149,18 +133,6 @@ def test_an_answer_lost_while_taring_is_not_asked_for_again(rig, far_end, wait_u
     wait_until(lambda: rig.report().tare_result)
     assert rig.report().tare_result == "taring failed: cable_5 (node 15 on main): does not answer"
     assert [write for write in far_end.cells[4].writes if write[0] == 0x6125] == [(0x6125, 1, b"zero")]
-
-
-def test_a_late_value_is_counted():
-    cycle = TensionCycle(["cable_1", "cable_2"])
-    cycle.sync(7)
-    cycle.measured(0, 1.0, "")
-    cycle.sync(8)
-    cycle.measured(0, 3.0, "")
-    complete = cycle.measured(1, 2.0, "")  # the answer to SYNC 7
-    assert (complete.stamp_ns, complete.tensions) == (8, (3.0, 2.0))
-    counts = cycle.statistics().answers[1]
-    assert (counts.late, counts.missing) == (1, 1)
 
 
 def problems(rig):

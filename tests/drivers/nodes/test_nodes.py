@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tests.messages import from_diagnostic_array
 
+from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.nodes.can_drives import CanDrives
 from cspr_drivers.nodes.load_cells import LoadCells
@@ -117,6 +118,15 @@ def context():
     rclpy.init(args=[], context=context)
     yield context
     context.try_shutdown()
+
+
+@pytest.fixture
+def ports(config, far_end):
+    """The near ends of the buses, open for as long as the test, whatever the nodes do."""
+    ports = SharedPorts(config)
+    ports.acquire()
+    yield ports
+    ports.release()
 
 
 @pytest.fixture

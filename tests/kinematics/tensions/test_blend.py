@@ -26,10 +26,11 @@ def A(robot: Robot) -> np.ndarray:
 
 def test_a_change_of_method_keeps_the_slew(A: np.ndarray) -> None:
     w = A @ np.full(8, 300.0)
-    blend = TensionBlend("closest", slew=SLEW)
+    slew = 0.1 * SLEW  # the methods differ by a few newtons here
+    blend = TensionBlend("closest", slew=slew)
     first = blend.distribute(A, w, 50.0, 900.0, 0.0)
     np.testing.assert_array_equal(first.tensions, distribute_tensions(A, w, 50.0, 900.0, "closest").tensions)
-    blend.select("closest", reference=np.linspace(100.0, 800.0, 8))
+    blend.select("analytic_center")
     previous, steps = first.tensions, 0
     while not blend.settled:
         if steps == 20:  # in the middle of it
@@ -39,7 +40,7 @@ def test_a_change_of_method_keeps_the_slew(A: np.ndarray) -> None:
         assert result.margin >= -1e-9
         assert result.residual < 1e-6
         np.testing.assert_allclose(A @ result.tensions, w, atol=1e-8)
-        assert np.abs(result.tensions - previous).max() <= SLEW * STEP * (1.0 + 1e-9)
+        assert np.abs(result.tensions - previous).max() <= slew * STEP * (1.0 + 1e-9)
         previous, steps = result.tensions, steps + 1
         assert steps < 1000
     assert steps > 20
@@ -49,7 +50,7 @@ def test_a_change_of_method_keeps_the_slew(A: np.ndarray) -> None:
 
 
 def test_a_change_of_method_adds_no_more_than_the_slew_to_a_moving_platform(robot: Robot) -> None:
-    blend = TensionBlend("closest", slew=SLEW, reference=600.0)
+    blend = TensionBlend("closest", slew=SLEW)
     previous = None
     before: list[np.ndarray] = []
     for k in range(300):
@@ -57,7 +58,7 @@ def test_a_change_of_method_adds_no_more_than_the_slew_to_a_moving_platform(robo
         A = inverse_kinematics(robot, pose).wrench_matrix
         w = np.array([0.0, 0.0, 1800.0, 0.0, 0.0, 0.0])
         own = [
-            distribute_tensions(A, w, 50.0, 900.0, "closest", reference=600.0).tensions,
+            distribute_tensions(A, w, 50.0, 900.0, "closest").tensions,
             distribute_tensions(A, w, 50.0, 900.0, "analytic_center").tensions,
         ]
         if k == 50:
@@ -75,7 +76,6 @@ def test_a_change_of_method_adds_no_more_than_the_slew_to_a_moving_platform(robo
     [
         (lambda A: TensionBlend("closest", slew=0.0), "slew"),
         (lambda A: TensionBlend("softest", slew=1.0), "method"),
-        (lambda A: TensionBlend("closest", slew=1.0, reference=np.nan), "reference"),
         (
             lambda A: TensionBlend("closest", slew=1.0).distribute(
                 A, A @ np.full(8, 300.0), 50.0, 900.0, -0.1

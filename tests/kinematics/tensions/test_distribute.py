@@ -21,7 +21,6 @@ from cspr_kinematics import (
     inverse_kinematics,
     static_wrench,
 )
-from cspr_kinematics.motion.so3 import skew
 
 # Bounded problems of every kind: feasible with cables at a limit, overloaded, and pushed down.
 LIMITS_AND_WRENCHES = [
@@ -233,7 +232,6 @@ def test_turning_the_base_frame_changes_nothing(case: tuple[int, int]) -> None:
         turned = distribute_tensions(turn @ A, turn @ w, 50.0, 900.0, method)
         assert plain.feasible == turned.feasible
         np.testing.assert_allclose(turned.tensions, plain.tensions, atol=1e-4)
-        np.testing.assert_allclose(turned.separating_direction, turn @ plain.separating_direction, atol=1e-4)
 
 
 @given(cases)
@@ -242,7 +240,7 @@ def test_moments_about_another_point_leave_feasible_tensions(case: tuple[int, in
     rng = np.random.default_rng(case[1])
     w = A @ rng.uniform(100.0, 800.0, case[0])
     move = np.eye(6)
-    move[3:, :3] = skew(rng.uniform(-0.5, 0.5, 3))
+    move[3:, :3] = np.cross(rng.uniform(-0.5, 0.5, 3), np.eye(3)).T
     for method in ("minimum_norm", *methods_for(case[0])):
         plain, moved = (distribute_tensions(X @ A, X @ w, 50.0, 900.0, method) for X in (np.eye(6), move))
         np.testing.assert_allclose(moved.tensions, plain.tensions, atol=1e-5)
@@ -292,20 +290,15 @@ def test_all_methods_on_whole_robots(any_robot: Robot) -> None:
             assert margins[method].mean() > margins["closest"].mean()
 
 
-def test_result_names_the_active_limits() -> None:
+def test_margin_is_the_distance_from_the_nearest_limit() -> None:
     A, _ = at_pose(8, 4)
-    extreme = distribute_tensions(
-        A, A @ np.full(8, 400.0), 100.0, 700.0, "closest", reference=1e5 * np.eye(8)[2]
-    )
-    assert extreme.feasible
-    assert (extreme.active != 0).sum() == 2  # a corner of the polygon
-    assert extreme.margin == 0.0
-    np.testing.assert_array_equal(extreme.active == 1, extreme.tensions == 700.0)
-    np.testing.assert_array_equal(extreme.active == -1, extreme.tensions == 100.0)
+    at_limit = distribute_tensions(A, A @ np.full(8, 400.0), 390.0, 700.0, "closest")
+    assert at_limit.feasible
+    assert at_limit.margin == 0.0
+    assert at_limit.tensions.min() == 390.0
     below = distribute_tensions(A, A @ np.full(8, 400.0), 500.0, 700.0)
     assert below.margin == pytest.approx(below.tensions.min() - 500.0)
     assert below.margin < 0.0
-    np.testing.assert_array_equal(below.active, np.where(below.tensions <= 500.0, -1, 0))
     assert not below.tensions.flags.writeable
 
 
@@ -313,7 +306,6 @@ def test_batches_on_threads_equal_one_thread() -> None:
     A, w = (np.stack([at_pose(8, seed)[k] for seed in range(40)] * 30) for k in (0, 1))
     one, two = (distribute_tensions(A, w, 50.0, 900.0, "closest", threads=n) for n in (1, 2))
     np.testing.assert_array_equal(one.tensions, two.tensions)
-    np.testing.assert_array_equal(one.separating_direction, two.separating_direction)
     empty = distribute_tensions(A[:0], w[:0], 50.0, 900.0, "closest")
     assert empty.tensions.shape == (0, 8)
 
@@ -334,10 +326,8 @@ def test_singular_wrench_matrix(method: str) -> None:
 @pytest.mark.parametrize(
     ("change", "name"),
     [
-        ({"reference": np.nan}, "reference"),
-        ({"reference": np.zeros(7)}, "batch axes"),
-        ({"weights": np.zeros(6)}, "weights"),
-        ({"weights": np.ones(5)}, "weights"),
+        ({"t_max": np.nan}, "t_max"),
+        ({"t_min": np.zeros(7)}, "batch axes"),
         ({"t_min": 900.0, "t_max": 50.0}, "t_min"),
         ({"wrench_matrix": np.zeros((6, 5))}, "wrench_matrix"),
         ({"wrench_matrix": np.ones((6, 9)), "method": "centroid"}, "method"),

@@ -11,10 +11,11 @@ from mcap.writer import IndexType, Writer
 from rclpy.serialization import serialize_message
 from tests.messages import diagnostic_status, inertia_stamped, pose_stamped
 
-from cspr_msgs_py.bag.bag_file import BagFile, Compression
+from cspr_msgs_py.bag.bag_file import BagFile
+from cspr_msgs_py.bag.mcap_writer import Compression
 from cspr_msgs_py.bag.metadata import RecordedTopic
-from cspr_msgs_py.bag.reader import Bag, BagWarning
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.errors import BagError, BagWarning
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.topics import INERTIA_STAMPED, JOINT_STATE, MULTI_DOF_TRAJECTORY, POSE_STAMPED
 from cspr_msgs_py.wire.joint_state import JointStateCodec

@@ -19,11 +19,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
-from cspr_msgs_py.bag.bag_file import Attachment, BagFile, Compression, Split
+from cspr_msgs_py.bag.bag_file import Attachment, BagFile
+from cspr_msgs_py.bag.mcap_writer import Compression
 from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic, parse_offered_qos
-from cspr_msgs_py.bag.reader import Bag, BagWarning
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.bag.writer import FLUSH_PERIOD, BagWriter
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.errors import BagError, BagWarning
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.topics import JOINT_STATE, MOTOR_STATES
 
@@ -124,9 +125,9 @@ class TestSplitBags:
             recording.start + 1401 * 4_000_000,
         ]
 
-    @pytest.mark.parametrize("split", [Split(size=100_000), Split(duration=1_000_000_000)])
-    def test_limits_are_kept(self, tmp_path: Path, recording, split: Split) -> None:
-        bag = BagFile(tmp_path / "bag", {}, compression=Compression.NONE, split=split)
+    @pytest.mark.parametrize("split", [{"split_size": 100_000}, {"split_duration": 1_000_000_000}])
+    def test_limits_are_kept(self, tmp_path: Path, recording, split: dict[str, int]) -> None:
+        bag = BagFile(tmp_path / "bag", {}, compression=Compression.NONE, **split)
         topic = bag.add_topic(TOPIC)
         for index in range(1000):
             bag.add_message(topic, index * 4_000_000, index * 4_000_000, recording.state(index))
@@ -214,10 +215,11 @@ class TestMetadata:
 
 FILL_THE_DISK = """
 import os, resource, sys
-from cspr_msgs_py.bag.bag_file import BagFile, Compression
+from cspr_msgs_py.bag.bag_file import BagFile
+from cspr_msgs_py.bag.mcap_writer import Compression
 from cspr_msgs_py.bag.writer import BagWriter
 from cspr_msgs_py.bag.metadata import RecordedTopic
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.errors import BagError, BagWarning
 directory, limit = sys.argv[1], int(sys.argv[2])
 if limit:
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))

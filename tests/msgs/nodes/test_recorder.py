@@ -17,9 +17,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tests.messages import diagnostic_status, from_diagnostic_status
 
-from cspr_msgs_py.bag.reader import Bag, BagWarning
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.bag.recovery import recover
-from cspr_msgs_py.errors import BagError, StartError
+from cspr_msgs_py.errors import BagError, BagWarning, StartError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.nodes.recorder import Recorder
 from cspr_msgs_py.qos import qos_profile

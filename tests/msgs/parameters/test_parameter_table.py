@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cspr_msgs_py.bag.bag_file import Compression
+from cspr_msgs_py.bag.mcap_writer import Compression
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.row import NodeParameter
 from cspr_msgs_py.parameters.table import TABLE, defaults, known_parameter, node_parameters, parameter_values

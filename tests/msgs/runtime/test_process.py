@@ -43,7 +43,7 @@ class Worker(Node):
         self.publisher = advertise(self, MOTOR_STATES)
         subscribe_raw(self, MOTOR_STATES, self.receive)
         steady_timer(self, 0.005, self.publish)
-        self.diagnostics = Diagnostics(self, lambda: [Status("worker", Level.OK, "well")])
+        self.diagnostics = report_health(self, lambda: [Status("worker", Level.OK, "well")])
         self.create_service(Trigger, "~/ask", lambda request, response: response)
         self.client = self.create_client(Trigger, "/worker/ask")
 

@@ -18,8 +18,10 @@ from cspr_control.analysis.timeline import Span, Timeline, read_timeline
 from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates, Poses, References, find_bag
-from cspr_msgs_py.errors import BagError
+from cspr_msgs_py.bag.columns import Inertias, JointStates, Poses, References
+from cspr_msgs_py.bag.reader import Bag, find_bag
+from cspr_msgs_py.errors import BagError, BagWarning
+from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Controller, controller_label
 
 Floats = NDArray[np.float64]
@@ -128,25 +130,24 @@ class Recording:
         return found or "feed-forward not recorded"
 
 
-class RobotClock:
-    """Turns the recorder's times into those of the robot.
+def robot_clock(states: JointStates) -> Callable[[Times], Times]:
+    """Return what turns the recorder's times into those of the robot, ns.
 
     Messages carry the robot's time; a simulated robot may run slower than the wall clock. Messages without a time of
-    their own are placed by when they arrived among the motor states.
+    their own are placed by when they arrived among the motor states, outside of which the two clocks run alike.
     """
+    order = np.argsort(states.log_time_ns, kind="stable")
+    log_origin, origin = int(states.log_time_ns[order[0]]), int(states.time_ns[order[0]])
+    logs = (states.log_time_ns[order] - log_origin).astype(float)
+    times = (states.time_ns[order] - origin).astype(float)
 
-    def __init__(self, states: JointStates) -> None:
-        order = np.argsort(states.log_time_ns, kind="stable")
-        self._log_origin, self._origin = int(states.log_time_ns[order[0]]), int(states.time_ns[order[0]])
-        self._log = (states.log_time_ns[order] - self._log_origin).astype(float)
-        self._time = (states.time_ns[order] - self._origin).astype(float)
+    def robot_time(log_time_ns: Times) -> Times:
+        log = (log_time_ns - log_origin).astype(float)
+        inside = np.clip(log, logs[0], logs[-1])
+        time = np.interp(inside, logs, times) + (log - inside)
+        return np.asarray(np.rint(time).astype(np.int64) + origin)
 
-    def __call__(self, log_time_ns: Times) -> Times:
-        """Return the robot's times, ns; outside the motor states the two clocks run alike."""
-        log = (log_time_ns - self._log_origin).astype(float)
-        inside = np.clip(log, self._log[0], self._log[-1])
-        time = np.interp(inside, self._log, self._time) + (log - inside)
-        return np.asarray(np.rint(time).astype(np.int64) + self._origin)
+    return robot_time
 
 
 def read_recording(
@@ -193,39 +194,40 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
     configuration, notes = read_configuration(bag.attachments, path, robot_file, directory)
     remarks = list(notes)
 
-    def optional(topic: str, read: Callable[[str], T], purpose: str) -> T | None:
-        if counts.get(topic):
-            return read(topic)
-        remarks.append(f"{path} has no messages on {topic}: {purpose}")
+    def optional(topic: Topic, read: Callable[[str], T], purpose: str) -> T | None:
+        if counts.get(topic.name):
+            return read(topic.name)
+        remarks.append(f"{path} has no messages on {topic.name}: {purpose}")
         return None
 
-    states = _sorted(bag.joint_states(topics.MOTOR_STATES.name))
+    def joints(topic: str) -> JointStates:
+        return _sorted(bag.joint_states(topic))
+
+    states = joints(topics.MOTOR_STATES.name)
     m = configuration.robot.number_of_cables
     if states.position.shape[1] != m:
         raise ControlError(
             f"{path}: {topics.MOTOR_STATES.name} is of {states.position.shape[1]} motors, "
             f"{configuration.robot_file} describes {m}: name the robot that was recorded with --robot FILE"
         )
-    setpoints = optional(
-        topics.SETPOINT.name, lambda t: _sorted(bag.joint_states(t)), "no motor position and velocity errors"
-    )
-    tensions = optional(
-        topics.CABLE_TENSIONS.name, lambda t: _sorted(bag.joint_states(t)), "no measured tensions"
-    )
+    setpoints = optional(topics.SETPOINT, joints, "no motor position and velocity errors")
+    tensions = optional(topics.CABLE_TENSIONS, joints, "no measured tensions")
     references = optional(
-        topics.REFERENCE.name, lambda t: _sorted(bag.references(t)), "no tensions of the model"
+        topics.REFERENCE, lambda topic: _sorted(bag.references(topic)), "no tensions of the model"
     )
     poses = optional(
-        topics.PLATFORM_POSE.name, lambda t: _sorted(bag.poses(t)), "the platform is not shown where it was"
+        topics.PLATFORM_POSE,
+        lambda topic: _sorted(bag.poses(topic)),
+        "the platform is not shown where it was",
     )
-    clock = RobotClock(states)
+    clock = robot_clock(states)
 
     def arrived(topic: str) -> Inertias:
         payload = bag.inertias(topic)
         return replace(payload, log_time_ns=clock(payload.log_time_ns))
 
-    estimate = optional(topics.PAYLOAD.name, arrived, "no estimated payload")
-    truth = optional(topics.SIMULATED_PAYLOAD.name, arrived, "the true payload is not known")
+    estimate = optional(topics.PAYLOAD, arrived, "no estimated payload")
+    truth = optional(topics.SIMULATED_PAYLOAD, arrived, "the true payload is not known")
     return Recording(
         path,
         configuration,

@@ -11,7 +11,7 @@ import numpy as np
 from cspr_control.closed_loop.machine import Publish
 from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_control.supervision.supervisor import Decision
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
 from cspr_drivers.drives.master import DriveMaster

@@ -102,16 +102,12 @@ class SupervisionComponent(Component):
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was measured for the next check."""
-        observe = self.supervisor.checks.observe_motors
-        self._arrived[MOTOR_STATES] = partial(
-            observe, now, sample.stamp_ns, sample.position, sample.velocity, sample.effort
-        )
+        self._arrived[MOTOR_STATES] = partial(self.supervisor.checks.observe_motors, now, sample)
         return NOTHING
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Keep what was demanded for the next check."""
-        observe = self.supervisor.checks.observe_setpoint
-        self._arrived[SETPOINT] = partial(observe, now, sample.stamp_ns, sample.position, sample.velocity)
+        self._arrived[SETPOINT] = partial(self.supervisor.checks.observe_setpoint, now, sample)
         return NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
@@ -149,13 +145,13 @@ class SupervisionComponent(Component):
         if status is None:
             self.refuse(LOAD_CELL_STATES, f"{LOAD_CELL_STATES.name} carries no status named load_cells")
             return NOTHING
-        self.supervisor.observe_load_cells(status.values.get("cause", ""))
+        self.supervisor.load_cell_problem = status.values.get("cause", "")
         return self.update(now)
 
     def on_trajectory_state(self, now: float, sample: Status) -> Outputs:
         """Take over what the reference does."""
         try:
-            self.supervisor.observe_trajectory(TrajectoryPhase(sample.message))
+            self.supervisor.phase = TrajectoryPhase(sample.message)
         except ValueError:
             self.refuse(
                 TRAJECTORY_STATE, f"{TRAJECTORY_STATE.name} carries an unknown phase, {sample.message!r}"
@@ -166,7 +162,7 @@ class SupervisionComponent(Component):
         """Take over whether the recording goes on."""
         problem = sample.values.get("cause", "") if sample.level >= Level.ERROR else ""
         self._recorder_problem = problem
-        self.supervisor.observe_recording(problem)
+        self.supervisor.recording_problem = problem
         if not problem:
             return NOTHING
         return [Remark(self.name, Level.ERROR, f"recorder: {problem}"), *self.update(now)]

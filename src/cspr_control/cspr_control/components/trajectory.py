@@ -15,14 +15,11 @@ from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import KinematicsError, Pose, Robot
 from cspr_msgs_py import topics
-from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryName, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
 from cspr_msgs_py.wire.samples import PoseSample, Status
-
-_DEFAULT = defaults("trajectory_publisher")
 
 
 @dataclass(frozen=True)
@@ -39,9 +36,9 @@ class TrajectorySettings:
 
     name: TrajectoryName
     options: TrajectoryOptions
-    dwell: float = _DEFAULT["dwell"]
-    stop_time: float = _DEFAULT["stop_time"]
-    max_gap: float = _DEFAULT["max_gap"]
+    dwell: float
+    stop_time: float
+    max_gap: float
 
 
 class TrajectoryComponent(Component):

@@ -15,16 +15,6 @@ from types import TracebackType
 from cspr_control.errors import ControlError
 
 
-class ChildDiedError(ControlError):
-    """A process ended that should have gone on; says its name, exit status and last words."""
-
-    def __init__(self, name: str, status: int, last_words: str, log: Path) -> None:
-        words = last_words or "(it said nothing)"
-        super().__init__(
-            f"{name} ended with {_status_text(status)}; its last words (all of them: {log}):\n{words}"
-        )
-
-
 class ChildProcesses:
     """Python modules run as child processes, ended in the reverse order of their start.
 
@@ -76,10 +66,13 @@ class ChildProcesses:
         return self._log_directory / f"{name}.log"
 
     def check(self, names: Collection[str] | None = None) -> None:
-        """Raise ChildDiedError if a child has ended; one of those named, where some are."""
+        """Raise ControlError, with its last words, if a child has ended; one of those named, where some are."""
         for name, child in self._children.items():
             if (names is None or name in names) and (status := child.poll()) is not None:
-                raise ChildDiedError(name, status, self._last_words(name), self.log(name))
+                raise ControlError(
+                    f"{name} ended with {_status_text(status)}; its last words (all of them: {self.log(name)}):\n"
+                    f"{self._last_words(name) or '(it said nothing)'}"
+                )
 
     def end(self) -> None:
         """End every child: SIGINT in the reverse order of the start, SIGKILL after the grace period."""

@@ -14,10 +14,6 @@ DEMO_DOMAINS = range(33, 13, -1)
 """Domains of demos; robots usually have lower ones."""
 
 
-class DomainTakenError(ControlError):
-    """A ROS domain belongs to another graph on this machine."""
-
-
 def claim_domain(domains: Iterable[int] = DEMO_DOMAINS) -> socket.socket:
     """Set ROS_DOMAIN_ID to a domain that nobody on this machine has claimed, unless it is set already.
 
@@ -35,7 +31,7 @@ def claim_domain(domains: Iterable[int] = DEMO_DOMAINS) -> socket.socket:
 
     Raises
     ------
-    DomainTakenError
+    ControlError
         If the domain that is set, or every domain, has been claimed.
     """
     wanted = os.environ.get(VARIABLE)
@@ -51,7 +47,7 @@ def claim_domain(domains: Iterable[int] = DEMO_DOMAINS) -> socket.socket:
         else:
             os.environ[VARIABLE] = domain
             return claim
-    raise DomainTakenError(
+    raise ControlError(
         f"ROS domain {', '.join(tried)} is taken by another graph on this machine; wait for its end, or set {VARIABLE} "
         "to another number"
     )

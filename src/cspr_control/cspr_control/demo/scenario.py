@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
-
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import Experiment
 from cspr_kinematics import ConfigurationFileError
-from cspr_kinematics.configuration.yaml_file import read_yaml
+from cspr_kinematics.configuration.yaml_file import read_yaml, write_yaml
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
@@ -126,4 +124,4 @@ def _edited(file: Path) -> Iterator[dict[str, Any]]:
         yield values
     except (ConfigurationFileError, TypeError, KeyError) as error:
         raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
-    YAML().dump(values, file)
+    write_yaml(file, values)

@@ -12,9 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from cspr_control.errors import MeasurementError, SettingError
 from cspr_control.estimation.payload_measurement import PayloadMeasurement, measure_payload
 from cspr_kinematics import Payload, Pose, Robot
-from cspr_msgs_py.parameters.table import defaults
-
-_DEFAULT = defaults("mass_estimator")
 
 UPDATE_PERIOD = 0.02
 """Of the estimates, s."""
@@ -41,19 +38,19 @@ class EstimatorSettings:
     ``max_angular_speed`` the static balance is not believed.
     """
 
-    time_constant: float = _DEFAULT["time_constant"]
-    mass_rate_limit: float = _DEFAULT["mass_rate_limit"]
-    center_rate_limit: float = _DEFAULT["center_rate_limit"]
-    max_payload: float = _DEFAULT["max_payload"]
-    max_offset: float = _DEFAULT["max_offset"]
-    minimum_mass: float = _DEFAULT["minimum_mass"]
-    payload_height: float = _DEFAULT["payload_height"]
-    slack_tension: float = _DEFAULT["slack_tension"]
-    max_speed: float = _DEFAULT["max_speed"]
-    max_angular_speed: float = _DEFAULT["max_angular_speed"]
-    max_sideways_ratio: float = _DEFAULT["max_sideways_ratio"]
-    tensions_timeout: float = _DEFAULT["tensions_timeout"]
-    pose_timeout: float = _DEFAULT["pose_timeout"]
+    time_constant: float
+    mass_rate_limit: float
+    center_rate_limit: float
+    max_payload: float
+    max_offset: float
+    minimum_mass: float
+    payload_height: float
+    slack_tension: float
+    max_speed: float
+    max_angular_speed: float
+    max_sideways_ratio: float
+    tensions_timeout: float
+    pose_timeout: float
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -118,6 +115,11 @@ class PayloadEstimator:
         Settings; may be replaced at any time.
     initial
         Published before the first valid measurement, and where the rate limit starts.
+
+    Attributes
+    ----------
+    newest
+        Result of the last update.
     """
 
     def __init__(self, robot: Robot, settings: EstimatorSettings, initial: Payload | None = None) -> None:
@@ -135,14 +137,7 @@ class PayloadEstimator:
         self._update_time = math.nan
         self._filtered = np.zeros(3)  # mass, first moments about y and x: m, m x, m y
         payload = Payload.none() if initial is None else initial
-        self._estimate = PayloadEstimate(
-            payload, None, math.nan, np.zeros(2), (Invalidity.NO_TENSIONS,), 0, 0
-        )
-
-    @property
-    def newest(self) -> PayloadEstimate:
-        """Result of the last update."""
-        return self._estimate
+        self.newest = PayloadEstimate(payload, None, math.nan, np.zeros(2), (Invalidity.NO_TENSIONS,), 0, 0)
 
     def observe_tensions(self, time: float, stamp: int, tensions: ArrayLike) -> None:
         """Take over measured tensions (m,), N.
@@ -175,7 +170,7 @@ class PayloadEstimator:
         """Estimate the payload from what has arrived since the last update."""
         step = time - self._update_time
         self._update_time = time
-        previous = self._estimate
+        previous = self.newest
         if self._pose is None or (self._tension_count == 0 and previous.raw is None):
             cause = Invalidity.NO_POSE if self._pose is None else Invalidity.NO_TENSIONS
             self._mean_tensions()  # without a pose they are of no use later either
@@ -215,18 +210,18 @@ class PayloadEstimator:
         return tuple(cause for cause, present in checks.items() if present)
 
     def _hold(self, raw: PayloadMeasurement | None, invalidities: tuple[Invalidity, ...]) -> PayloadEstimate:
-        self._estimate = replace(self._estimate, raw=raw, invalidities=invalidities)
-        return self._estimate
+        self.newest = replace(self.newest, raw=raw, invalidities=invalidities)
+        return self.newest
 
     def _accept(self, raw: PayloadMeasurement, step: float) -> PayloadEstimate:
-        settings, last = self.settings, self._estimate
+        settings, last = self.settings, self.newest
         samples = last.samples + 1
         # The mean of the first samples, until its weight falls to that of the low-pass.
         weight = max(1.0 / samples, -math.expm1(-step / settings.time_constant))
         self._filtered = self._filtered + weight * (np.array([raw.mass, *raw.moment]) - self._filtered)
         mass = float(self._filtered[0])
         center = self._filtered[1:] / mass if mass > settings.minimum_mass else np.zeros(2)
-        self._estimate = PayloadEstimate(
+        self.newest = PayloadEstimate(
             self._limited(last.published, mass, center, step),
             raw,
             mass,
@@ -235,7 +230,7 @@ class PayloadEstimator:
             samples,
             max(self._tensions_stamp, self._pose_stamp),
         )
-        return self._estimate
+        return self.newest
 
     def _limited(self, last: Payload, mass: float, center: NDArray[np.float64], step: float) -> Payload:
         settings = self.settings

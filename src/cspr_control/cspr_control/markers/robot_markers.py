@@ -94,17 +94,10 @@ def frame_shapes(robot: Robot) -> list[Shape]:
     ]
 
 
-def platform_shape(robot: Robot, pose: Pose) -> Shape:
-    """Return the platform at a pose."""
-    return _box(robot, pose, "platform", PLATFORM_COLOUR)
-
-
-def reference_shape(robot: Robot, pose: Pose) -> Shape:
-    """Return the platform where it should be, as a shadow."""
-    return _box(robot, pose, "reference", REFERENCE_COLOUR)
-
-
-def _box(robot: Robot, pose: Pose, name: str, colour: Colour) -> Shape:
+def platform_shape(
+    robot: Robot, pose: Pose, name: str = "platform", colour: Colour = PLATFORM_COLOUR
+) -> Shape:
+    """Return the platform at a pose: where it is, or as the shadow ``reference`` where it should be."""
     x, y, z, w = pose.quaternion.tolist()
     a, b, c = robot.platform_size.tolist()
     return Shape(name, ShapeKind.BOX, colour, (a, b, c), pose.position[None], quaternion=(x, y, z, w))

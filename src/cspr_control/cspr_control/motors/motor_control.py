@@ -11,9 +11,8 @@ from enum import Enum
 
 from cspr_control.errors import SettingError
 from cspr_kinematics import Motor
-from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT, defaults
+from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT
 
-_DEFAULT = defaults("motor_controller_K")
 _NANOSECOND = 1e-9
 
 
@@ -27,10 +26,10 @@ class MotorGains:
         If a gain is not finite, negative, or a share above one; or the smoothing speed is zero.
     """
 
-    kp: float = _DEFAULT["kp"]
-    kd: float = _DEFAULT["kd"]
-    friction_compensation: float = _DEFAULT["friction_compensation"]
-    friction_smoothing_speed: float = _DEFAULT["friction_smoothing_speed"]
+    kp: float
+    kd: float
+    friction_compensation: float
+    friction_smoothing_speed: float
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

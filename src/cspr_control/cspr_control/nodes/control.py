@@ -9,12 +9,14 @@ from typing import Any
 from rclpy.node import Node
 
 from cspr_control.nodes.component_node import Wiring
-from cspr_control.nodes.feedforward import FeedforwardNode
-from cspr_control.nodes.mass_estimator import MassEstimatorNode
+from cspr_control.nodes.control_nodes import (
+    FeedforwardNode,
+    MassEstimatorNode,
+    PoseEstimatorNode,
+    SupervisorNode,
+    TrajectoryPublisher,
+)
 from cspr_control.nodes.motor_control_gains import MotorControlGains
-from cspr_control.nodes.pose_estimator import PoseEstimatorNode
-from cspr_control.nodes.supervisor import SupervisorNode
-from cspr_control.nodes.trajectory_publisher import TrajectoryPublisher
 from cspr_msgs_py.runtime.process import run_nodes
 
 

@@ -174,6 +174,7 @@ class Operator:
         self, client: DemoClient, children: ChildProcesses, progress: Progress, speed: float
     ) -> None:
         self._client, self._children, self._progress, self._speed = client, children, progress, speed
+        self._refusal = ""  # of the service that was asked last
 
     def wait(self, step: str, done: Callable[[], bool], limit: float, why_not: Callable[[], str]) -> None:
         """Wait until something is so, and say why it is not when that takes too long."""
@@ -198,38 +199,35 @@ class Operator:
 
     def call(self, service: str, limit: float) -> None:
         """Ask a service until it accepts; a refusal is final only when the time is up."""
-        refusal: str | None = None
-
-        def accepted() -> bool:
-            nonlocal refusal
-            refusal = self._ask(service)
-            return refusal is None
-
-        self.wait(f"calling {service.rsplit('/', 1)[-1]}", accepted, limit, lambda: refusal or "")
+        step = f"calling {service.rsplit('/', 1)[-1]}"
+        self.wait(step, lambda: self._ask(service), limit, lambda: self._refusal)
 
     def enable(self, limit: float) -> None:
         """Enable the robot; ask again when the drives had to refuse, as when the torques were not there yet."""
-        client, refusal = self._client, None
+        client, self._refusal = self._client, ""
 
         def enabled() -> bool:
-            nonlocal refusal
             if client.robot_state == RobotState.DISABLED:
-                refusal = self._ask("/supervisor/enable")
+                self._ask("/supervisor/enable")
             return client.robot_state == RobotState.ENABLED
 
-        self.wait("enabling", enabled, limit, lambda: client.robot_message or refusal or client.robot_state)
+        self.wait(
+            "enabling", enabled, limit, lambda: client.robot_message or self._refusal or client.robot_state
+        )
 
-    def _ask(self, service: str) -> str | None:
-        """Ask a service; returns why it refuses, or None."""
+    def _ask(self, service: str) -> bool:
+        """Ask a service; returns whether it accepts, and keeps why it does not."""
         future = self._client.trigger(service)
         end = time.monotonic() + 5.0
         while future is not None and not future.done() and time.monotonic() < end:
             self._children.check()
             time.sleep(0.01)
         if future is None or not future.done():
-            return "no answer"
+            self._refusal = "no answer"
+            return False
         answer = future.result()
-        return None if answer.success else str(answer.message)
+        self._refusal = "" if answer.success else str(answer.message)
+        return bool(answer.success)
 
     def stop(self) -> None:
         """Stop the robot, brakes closed."""

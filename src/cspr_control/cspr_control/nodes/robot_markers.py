@@ -22,6 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from cspr_control.errors import ControlError, PayloadError
 from cspr_control.markers.robot_markers import (
+    REFERENCE_COLOUR,
     Shape,
     ShapeKind,
     cable_shape,
@@ -29,7 +30,6 @@ from cspr_control.markers.robot_markers import (
     path_shape,
     payload_shapes,
     platform_shape,
-    reference_shape,
     trajectory_shape,
 )
 from cspr_control.motors.feedforward import checked_payload
@@ -43,8 +43,8 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import (
-    Diagnostics,
     advertise,
+    report_health,
     run_nodes,
     steady_timer,
     subscribe_raw,
@@ -95,8 +95,8 @@ class RobotMarkers(Node):
         # decoded ten times a second, not each time that one arrives
         for topic in (topics.CABLE_TENSIONS, topics.REFERENCE):
             subscribe_raw(self, topic, partial(self._keep, topic))
-        self._diagnostics = Diagnostics(self, self._status)
-        self._timer = steady_timer(self, _PERIOD, self._publish)
+        report_health(self, self._status)
+        steady_timer(self, _PERIOD, self._publish)
 
     def _on_pose(self, sample: PoseSample) -> None:
         try:
@@ -169,7 +169,7 @@ class RobotMarkers(Node):
         if (message := self._recent(topics.REFERENCE)) is not None:
             sample = decode_reference(self._reference_codec, message)
             reference = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
-            shapes.append(reference_shape(robot, reference))
+            shapes.append(platform_shape(robot, reference, "reference", REFERENCE_COLOUR))
         if len(self._path) >= 2:
             shapes.append(path_shape(list(self._path)))
         return shapes

@@ -37,8 +37,9 @@ from cspr_control.rerun.rerun import (
 from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, BagWarning, Inertias, JointStates, find_bag
-from cspr_msgs_py.errors import MessagesError
+from cspr_msgs_py.bag.columns import Inertias, JointStates
+from cspr_msgs_py.bag.reader import Bag, find_bag
+from cspr_msgs_py.errors import BagWarning, MessagesError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import (
     output_path,

@@ -8,10 +8,7 @@ from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Pose
-from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import UNDER_WAY, TrajectoryPhase
-
-_DEFAULT = defaults("trajectory_publisher")
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
@@ -41,15 +38,11 @@ class TrajectoryPlayer:
         When it begins, and when it ends unless it is stopped, ROS time, ns; 0 before the first.
     interruption
         Why the trajectory last started was given up by itself; empty if it was not.
+    held_pose
+        Where the reference rests; while it moves, where it last rested or will come to rest.
     """
 
-    def __init__(
-        self,
-        limits: MotionLimits,
-        dwell: float = _DEFAULT["dwell"],
-        stop_time: float = _DEFAULT["stop_time"],
-        max_gap: float = _DEFAULT["max_gap"],
-    ) -> None:
+    def __init__(self, limits: MotionLimits, dwell: float, stop_time: float, max_gap: float) -> None:
         if not (dwell >= 0.0 and stop_time > 0.0):
             raise TrajectoryError(
                 f"dwell is {dwell} s and stop_time {stop_time} s; the first must not be negative, the second "
@@ -66,21 +59,16 @@ class TrajectoryPlayer:
         self.interruption = ""
         self._time = 0  # of the newest sample
         self._pose: Pose | None = None  # of the newest sample
-        self._held: Pose | None = None
+        self.held_pose: Pose | None = None
         self._followed: Trajectory | None = None  # the approach or the trajectory, while it moves
         self._followed_since = 0
         self._next: Trajectory | None = None  # the trajectory, while it is approached
         self._stop_since = 0
         self._stop_from = 0.0  # path time, s
 
-    @property
-    def held_pose(self) -> Pose | None:
-        """Where the reference rests; while it moves, where it last rested or will come to rest."""
-        return self._held
-
     def hold(self, pose: Pose) -> None:
         """Hold a pose from now on, whatever was going on: for a robot that is not enabled."""
-        self._held = pose
+        self.held_pose = pose
         self._followed = None
         self._next = None
         self.phase = TrajectoryPhase.HOLD
@@ -93,14 +81,14 @@ class TrajectoryPlayer:
         TrajectoryError
             If no pose is held yet, or another trajectory is under way.
         """
-        if self._held is None or self._pose is None:
+        if self.held_pose is None or self._pose is None:
             raise TrajectoryError("no pose of the platform is known yet")
         if not self.phase.at_rest:
             raise TrajectoryError(f"{self.trajectory_name} is under way ({self.phase.value}); stop it first")
         begin = trajectory.sample(0.0).pose
-        approach = PointToPoint(self._held, begin, self.limits, "approach")
+        approach = PointToPoint(self.held_pose, begin, self.limits, "approach")
         self._followed, self._followed_since, self._next = approach, self._time, trajectory
-        self._held = begin
+        self.held_pose = begin
         self.trajectory_name = trajectory.name
         self.interruption = ""
         self.start_time = self._time + round((approach.duration + self.dwell) * SECOND)
@@ -129,9 +117,9 @@ class TrajectoryPlayer:
         else:
             time = max(time, self._time)
         self._time = time
-        if self._held is None:
+        if self.held_pose is None:
             return None
-        reference = self._advance(self._held, time)
+        reference = self._advance(self.held_pose, time)
         self._pose = reference.pose
         return reference
 
@@ -161,10 +149,10 @@ class TrajectoryPlayer:
         return followed.sample(path_time.value).scaled_in_time(path_time.rate, path_time.acceleration)
 
     def _rest(self, followed: Trajectory, path_time: float, phase: TrajectoryPhase) -> ReferencePoint:
-        self._held = followed.sample(path_time).pose
+        self.held_pose = followed.sample(path_time).pose
         self._followed = None
         self.phase = phase
-        return ReferencePoint.at_rest(self._held)
+        return ReferencePoint.at_rest(self.held_pose)
 
 
 def _gap_text(gap: float, limit: float) -> str:

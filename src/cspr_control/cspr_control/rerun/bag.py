@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
-from cspr_msgs_py.bag.reader import Inertias, JointStates
+from cspr_msgs_py.bag.columns import Inertias, JointStates
 from cspr_msgs_py.bag.sample_bag import SampleBag
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import InertiaSample

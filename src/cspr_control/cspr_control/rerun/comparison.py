@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.mass import mass_metrics, mass_trace
-from cspr_control.analysis.timeline import Timeline
+from cspr_control.analysis.timeline import Clock, Timeline
 from cspr_control.rerun.rerun import EstimatedPayloads
-from cspr_msgs_py.bag.reader import Inertias, JointStates
+from cspr_msgs_py.bag.columns import Inertias, JointStates
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def compare_payloads(
     rerun: EstimatedPayloads,
     recorded: Inertias | None,
     truth: Inertias | None,
-    clock: Callable[[NDArray[np.int64]], NDArray[np.int64]],
+    clock: Clock,
     timeline: Timeline,
 ) -> PayloadComparison:
     """Compare estimates.
@@ -111,7 +110,7 @@ def compare_payloads(
 def _quality(
     estimate: Inertias,
     truth: Inertias,
-    clock: Callable[[NDArray[np.int64]], NDArray[np.int64]],
+    clock: Clock,
     timeline: Timeline,
 ) -> MassQuality | None:
     estimated, true = (

@@ -8,12 +8,13 @@ from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
 from cspr_control.analysis.configuration import read_configuration
-from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, RobotClock
-from cspr_control.analysis.timeline import Timeline, read_timeline
+from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, robot_clock
+from cspr_control.analysis.timeline import Clock, Timeline, read_timeline
 from cspr_control.errors import ControlError, SettingError
 from cspr_control.rerun.rerun import Schedule
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Bag, JointStates
+from cspr_msgs_py.bag.columns import JointStates
+from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.errors import BagError, ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import parameter_values
@@ -92,14 +93,14 @@ class Recording:
         """Return whether there is a message on the topic."""
         return self._bag.counts.get(topic.name, 0) > 0
 
-    def story(self, tensions: JointStates) -> tuple[RobotClock, Timeline]:
+    def story(self, tensions: JointStates) -> tuple[Clock, Timeline]:
         """Return the robot's clock, by its motor states or else by its tensions, and what happened on it."""
         states = (
             self.read(Bag.joint_states, topics.MOTOR_STATES.name)
             if self.holds(topics.MOTOR_STATES)
             else tensions
         )
-        clock = RobotClock(states)
+        clock = robot_clock(states)
         return clock, read_timeline(self._bag, clock, int(states.time_ns[-1]))
 
     def publish_times(self, topic: topics.Topic) -> list[int]:

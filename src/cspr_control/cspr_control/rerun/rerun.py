@@ -23,7 +23,7 @@ from cspr_control.graph import ControlGraph
 from cspr_control.motors.feedforward import FeedforwardSettings
 from cspr_kinematics import Payload, Robot
 from cspr_msgs_py import topics
-from cspr_msgs_py.bag.reader import Inertias, JointStates, Poses, References
+from cspr_msgs_py.bag.columns import Inertias, JointStates, Poses, References
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import VECTORS, ReferenceSample
 from cspr_msgs_py.wire.samples import InertiaSample, PoseSample

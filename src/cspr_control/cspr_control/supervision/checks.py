@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspr_control.errors import SettingError
 from cspr_control.supervision.debounce import Debounce
-from cspr_msgs_py.parameters.table import defaults
+from cspr_msgs_py.wire.joint_state import JointStateSample
 
 
 class MonitoredInput(Enum):
@@ -64,12 +64,6 @@ class Fault:
 _CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE)
 """Inputs that the motors do not need to follow the reference to its rest."""
 
-_DEFAULT = defaults("supervisor")
-
-
-def _default_ages() -> dict[MonitoredInput, float]:
-    return {source: _DEFAULT[f"max_age.{source.name.lower()}"] for source in MonitoredInput}
-
 
 @dataclass(frozen=True)
 class SupervisionLimits:
@@ -96,26 +90,26 @@ class SupervisionLimits:
         In s; the noise of a sound load cell never lets it show the very same value for long.
     """
 
-    max_ages: dict[MonitoredInput, float] = field(default_factory=_default_ages)
-    following_error: float = _DEFAULT["following_error"]
-    following_error_time: float = _DEFAULT["following_error_time"]
-    starting_error: float = _DEFAULT["starting_error"]
-    tension_min: float = 50.0
-    tension_min_time: float = _DEFAULT["tension_min_time"]
-    tension_max: float = 3000.0
-    tension_max_time: float = _DEFAULT["tension_max_time"]
-    motor_speed: float = 450.0
-    motor_speed_time: float = _DEFAULT["motor_speed_time"]
-    workspace_min: tuple[float, float, float] = (-math.inf, -math.inf, -math.inf)
-    workspace_max: tuple[float, float, float] = (math.inf, math.inf, math.inf)
-    workspace_margin: float = _DEFAULT["workspace_margin"]
-    transmission_ratio: float = 0.05 / 30.0
-    tension_difference: float = _DEFAULT["tension_difference"]
-    tension_difference_time: float = _DEFAULT["tension_difference_time"]
-    stuck_time: float = _DEFAULT["stuck_time"]
-    enable_timeout: float = _DEFAULT["enable_timeout"]
-    stop_timeout: float = _DEFAULT["stop_timeout"]
-    drive_timeout: float = _DEFAULT["drive_timeout"]
+    max_ages: dict[MonitoredInput, float]
+    following_error: float
+    following_error_time: float
+    starting_error: float
+    tension_min: float
+    tension_min_time: float
+    tension_max: float
+    tension_max_time: float
+    motor_speed: float
+    motor_speed_time: float
+    workspace_min: tuple[float, float, float]
+    workspace_max: tuple[float, float, float]
+    workspace_margin: float
+    transmission_ratio: float
+    tension_difference: float
+    tension_difference_time: float
+    stuck_time: float
+    enable_timeout: float
+    stop_timeout: float
+    drive_timeout: float
 
     def __post_init__(self) -> None:
         others = ("max_ages", "workspace_min", "workspace_max")
@@ -146,25 +140,18 @@ class SupervisionChecks:
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
         self._limits = limits
         self._arrivals = dict.fromkeys(MonitoredInput, -math.inf)
-        self._angles = np.zeros(count)
-        self._angles_stamp = 0
-        self._speeds = np.zeros(count)
-        self._torques = np.zeros(count)
+        self._measured = self._desired = JointStateSample(0, *np.zeros((3, count)))
         self._position = np.full(3, np.nan)
         self._outside_when_enabled = np.zeros(3)
-        self._desired = np.zeros(count)
-        self._desired_speed = np.zeros(count)
-        self._desired_stamp = 0
         self._tensions = np.full(count, np.nan)
         self._tensions_changed = np.full(count, -math.inf)  # when each last showed another value, s
-        allowed_times = {
-            FaultKind.FOLLOWING_ERROR: limits.following_error_time,
-            FaultKind.OVERSPEED: limits.motor_speed_time,
-            FaultKind.TENSION_HIGH: limits.tension_max_time,
-            FaultKind.TENSION_LOW: limits.tension_min_time,
-            FaultKind.LOAD_CELL: limits.tension_difference_time,
+        self._watches = {
+            FaultKind.FOLLOWING_ERROR: Debounce(count, limits.following_error_time),
+            FaultKind.OVERSPEED: Debounce(count, limits.motor_speed_time),
+            FaultKind.TENSION_HIGH: Debounce(count, limits.tension_max_time),
+            FaultKind.TENSION_LOW: Debounce(count, limits.tension_min_time),
+            FaultKind.LOAD_CELL: Debounce(count, limits.tension_difference_time),
         }
-        self._watches = {kind: Debounce(count, time) for kind, time in allowed_times.items()}
 
     def clear(self) -> None:
         """Forget violations under way: the robot is about to be enabled.
@@ -179,30 +166,20 @@ class SupervisionChecks:
         """Note that an input arrived."""
         self._arrivals[source] = time
 
-    def observe_motors(
-        self,
-        time: float,
-        stamp: int,
-        angles: NDArray[np.float64],
-        speeds: NDArray[np.float64],
-        torques: NDArray[np.float64],
-    ) -> None:
+    def observe_motors(self, time: float, sample: JointStateSample) -> None:
         """Take over measured motor angles, rad, speeds, rad/s, and torques, N m. (m,) each."""
         self.observe_arrival(MonitoredInput.MOTOR_STATES, time)
-        self._angles, self._angles_stamp = angles, stamp
-        self._speeds, self._torques = speeds, torques
+        self._measured = sample
 
     def observe_pose(self, time: float, position: NDArray[np.float64]) -> None:
         """Take over the position of the platform (3,), m in base."""
         self.observe_arrival(MonitoredInput.PLATFORM_POSE, time)
         self._position = position
 
-    def observe_setpoint(
-        self, time: float, stamp: int, angles: NDArray[np.float64], speeds: NDArray[np.float64]
-    ) -> None:
+    def observe_setpoint(self, time: float, sample: JointStateSample) -> None:
         """Take over desired motor angles (m,), rad, and speeds (m,), rad/s."""
         self.observe_arrival(MonitoredInput.SETPOINT, time)
-        self._desired, self._desired_speed, self._desired_stamp = angles, speeds, stamp
+        self._desired = sample
 
     def observe_tensions(self, time: float, tensions: NDArray[np.float64]) -> None:
         """Take over measured cable tensions (m,), N."""
@@ -216,8 +193,9 @@ class SupervisionChecks:
 
     def following_errors(self) -> NDArray[np.float64]:
         """Desired less measured motor angles (m,), rad, at the time of the measurement."""
-        ahead = (self._angles_stamp - self._desired_stamp) * 1e-9
-        return np.asarray(self._desired + self._desired_speed * ahead - self._angles)
+        desired, measured = self._desired, self._measured
+        ahead = (measured.stamp_ns - desired.stamp_ns) * 1e-9
+        return np.asarray(desired.position + desired.velocity * ahead - measured.position)
 
     def stale(self, time: float) -> list[Fault]:
         """Return the inputs that are too old."""
@@ -254,6 +232,7 @@ class SupervisionChecks:
 
     def _lasting_violations(self, time: float) -> list[Fault]:
         limits, errors, tensions = self._limits, self.following_errors(), self._tensions
+        speeds = self._measured.velocity
         angle, speed, high, low = (
             limits.following_error, limits.motor_speed, limits.tension_max, limits.tension_min
         )  # fmt: skip
@@ -261,7 +240,7 @@ class SupervisionChecks:
         for kind, within, values, text, limit in (
             (FaultKind.FOLLOWING_ERROR, np.abs(errors) <= angle, errors,
              "motor_{} is {:z.2f} rad behind, limit {:g} rad", angle),
-            (FaultKind.OVERSPEED, np.abs(self._speeds) <= speed, self._speeds,
+            (FaultKind.OVERSPEED, np.abs(speeds) <= speed, speeds,
              "motor_{} turns at {:z.0f} rad/s, limit {:g} rad/s", speed),
             (FaultKind.TENSION_HIGH, tensions <= high, tensions, "cable_{} at {:z.0f} N, limit {:g} N", high),
             (FaultKind.TENSION_LOW, tensions >= low, tensions, "cable_{} at {:z.0f} N, limit {:g} N", low),
@@ -275,7 +254,7 @@ class SupervisionChecks:
     def _implausible_cells(self, time: float) -> list[Fault]:
         """Return the load cell that its motor contradicts, and one that is stuck."""
         limits, tensions = self._limits, self._tensions
-        torque_tensions = -self._torques / limits.transmission_ratio
+        torque_tensions = -self._measured.effort / limits.transmission_ratio
         difference = tensions - torque_tensions
         watch = self._watches[FaultKind.LOAD_CELL]
         cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))

@@ -64,6 +64,12 @@ class Supervisor:
         Why the last enabling came to nothing without a fault; else empty.
     checks
         The watched inputs, to be told what arrives.
+    phase
+        What the reference does; to be set.
+    recording_problem
+        News, not yet checked, that the recording has failed, and why; to be set, and empty when it goes on.
+    load_cell_problem
+        What is wrong with the load cells, as their driver finds it; to be set, and empty when all is well.
     """
 
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
@@ -74,13 +80,13 @@ class Supervisor:
         self._limits = limits
         self._drives: DriverState | None = None
         self._drives_cause = ""
-        self._phase = TrajectoryPhase.IDLE
+        self.phase = TrajectoryPhase.IDLE
         self._since = -math.inf  # of the state, or of the step within STOPPING
         self._trajectory_stopped = False
         self._disabling = False
         self._resetting = False
-        self._recording_problem = ""  # news of it, not yet checked
-        self._load_cell_problem = ""
+        self.recording_problem = ""
+        self.load_cell_problem = ""
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
 
@@ -90,16 +96,16 @@ class Supervisor:
             latched = f" by {self.fault}; reset it first" if self.fault else ""
             return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
         obstacle = self.checks.obstacle(time)
-        if obstacle is None and self._load_cell_problem:
-            obstacle = f"load cells: {self._load_cell_problem}"
+        if obstacle is None and self.load_cell_problem:
+            obstacle = f"load cells: {self.load_cell_problem}"
         if obstacle is None and self._drives is not DriverState.DISABLED:
             obstacle = self._drives_are()
-        if obstacle is None and not self._phase.at_rest:
-            obstacle = f"the trajectory is in phase {self._phase.value}"
+        if obstacle is None and not self.phase.at_rest:
+            obstacle = f"the trajectory is in phase {self.phase.value}"
         if obstacle is not None:
             return Decision(False, f"refused: {obstacle}")
         self.remark = ""
-        self._recording_problem = ""  # whoever enables without a recording does not want one
+        self.recording_problem = ""  # whoever enables without a recording does not want one
         self.checks.clear()
         self._enter(RobotState.ENABLING, time)
         self._actions.append(Action.ENABLE_DRIVES)
@@ -133,18 +139,6 @@ class Supervisor:
         """Take over the state of the drives."""
         self.checks.observe_arrival(MonitoredInput.DRIVE_STATES, time)
         self._drives, self._drives_cause = state, cause
-
-    def observe_recording(self, problem: str) -> None:
-        """Take over that the recording has failed, or with an empty text that it goes on."""
-        self._recording_problem = problem
-
-    def observe_load_cells(self, problem: str) -> None:
-        """Take over what is wrong with the load cells, as their driver finds it; empty when all is well."""
-        self._load_cell_problem = problem
-
-    def observe_trajectory(self, phase: TrajectoryPhase) -> None:
-        """Take over what the reference does."""
-        self._phase = phase
 
     def answered(self, time: float, action: Action, accepted: bool, message: str) -> None:
         """Take over the answer to an action; one that nobody answers counts as refused."""
@@ -196,15 +190,15 @@ class Supervisor:
         urgent = urgent or self._find_drive_fault(time)
         if urgent is not None:
             return urgent
-        if self._load_cell_problem:
-            faults.insert(0, Fault(FaultKind.LOAD_CELL, self._load_cell_problem, controlled=True))
-        if self._recording_problem:
-            faults.append(Fault(FaultKind.RECORDING, self._recording_problem, controlled=True))
+        if self.load_cell_problem:
+            faults.insert(0, Fault(FaultKind.LOAD_CELL, self.load_cell_problem, controlled=True))
+        if self.recording_problem:
+            faults.append(Fault(FaultKind.RECORDING, self.recording_problem, controlled=True))
         return faults[0] if faults else None
 
     def _stop_for(self, fault: Fault, time: float) -> None:
         """Come to rest along the path, close the brakes, and latch the fault."""
-        self._recording_problem = ""
+        self.recording_problem = ""
         self.fault = self.fault or fault
         if self.state is RobotState.ENABLED:
             self._stop_along_path(time)
@@ -231,7 +225,7 @@ class Supervisor:
             if self._drives is DriverState.DISABLED:
                 self._enter(RobotState.FAULT if self.fault else RobotState.DISABLED, time)
             return
-        at_rest = self._trajectory_stopped and self._phase.at_rest
+        at_rest = self._trajectory_stopped and self.phase.at_rest
         if at_rest or time - self._since > self._limits.stop_timeout:
             self._disable_drives(time)
 

@@ -1,4 +1,4 @@
-"""Open CAN buses, shared by all drivers of a process: one python-can bus and one receiving thread each."""
+"""An open CAN bus: a python-can bus, CANopen's network on it, and one receiving thread."""
 
 from __future__ import annotations
 
@@ -7,22 +7,17 @@ import logging
 import math
 import struct
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
-from queue import Empty, SimpleQueue
 
 import can
 import canopen
 
 from cspr_drivers.bus.socketcan_bus import GONE, error_frame_text, is_bus_off
-from cspr_drivers.canopen.frame_table import SYNC_COB_ID
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.errors import FrameError
 
 FrameHandler = Callable[[bytes | bytearray, float], None]
-SyncHandler = Callable[[float, int], None]
 
 # Both libraries log what they also raise; the errors of this package say it once, in one line.
 for library in ("can", "canopen"):
@@ -229,85 +224,3 @@ class Receiver:
     def __call__(self, message: can.Message) -> None:
         """Take a frame."""
         self.take(message)
-
-
-class CanPorts:
-    """The open buses of a process, by name.
-
-    The handlers of `on_sync` hear of each SYNC, whether this process sends them or another one does.
-
-    Attributes
-    ----------
-    clock
-        Clock of the machine, which all buses share.
-    """
-
-    def __init__(self, ports: Iterable[CanPort]) -> None:
-        self._ports = {port.name: port for port in ports}
-        self._sync_handlers: list[tuple[SyncHandler, threading.Lock]] = []
-        self._sync = CyclicFrame(SYNC_COB_ID)
-        self._producing = False
-        first = next(iter(self._ports.values()))
-        self.clock = first.clock
-        first.subscribe(SYNC_COB_ID, self._receive_sync)
-
-    def __getitem__(self, name: str) -> CanPort:
-        return self._ports[name]
-
-    def __iter__(self) -> Iterator[CanPort]:
-        return iter(self._ports.values())
-
-    def on_sync(self, handler: SyncHandler, lock: threading.Lock) -> None:
-        """Call `handler` with monotonic time, s, and ROS time, ns, just before each SYNC, with `lock` held.
-
-        All locks are taken before the time is: what a handler would have to wait for must not come between the
-        time stamp of a SYNC and the SYNC, for speeds are differences of positions over these times.
-        """
-        self._sync_handlers.append((handler, lock))
-
-    def off_sync(self, handler: SyncHandler) -> None:
-        """Stop calling a handler."""
-        self._sync_handlers = [pair for pair in self._sync_handlers if pair[0] != handler]
-
-    def send_sync(self) -> None:
-        """Put SYNC on every bus."""
-        self._producing = True
-        with ExitStack() as locks:
-            for _, lock in self._sync_handlers:
-                locks.enter_context(lock)
-            now, stamp = self.clock.monotonic(), self.clock.system_ns()
-            for handler, _ in self._sync_handlers:
-                handler(now, stamp)
-        for port in self._ports.values():
-            port.note_sync(now)
-            port.send(self._sync)
-
-    def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
-        if self._producing:
-            raise FrameError(f"another device sends SYNC as well ({len(data)} bytes)")
-        stamp = self.clock.system_ns() - int(1e9 * (self.clock.monotonic() - now))
-        for handler, lock in self._sync_handlers:
-            with lock:
-                handler(now, stamp)
-
-    def hear(self, cob_id: int, wait: float) -> str:
-        """Return on which bus a frame of a COB-ID comes first, or an empty text if none comes for a time, s."""
-        heard: SimpleQueue[str] = SimpleQueue()
-
-        def note(bus: str, *_frame: object) -> None:
-            heard.put(bus)
-
-        for port in self:
-            port.subscribe(cob_id, partial(note, port.name))
-        try:
-            return heard.get(timeout=wait)
-        except Empty:
-            return ""
-        finally:
-            for port in self:
-                port.unsubscribe(cob_id)
-
-    def close(self) -> None:
-        """Close all buses."""
-        for port in self._ports.values():
-            port.close()

@@ -7,7 +7,8 @@ from collections.abc import Collection
 
 import can
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts
+from cspr_drivers.bus.can_bus import CanPort
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.bus.socketcan_bus import QuickSocketCan
 from cspr_drivers.bus.virtual_bus import QuickVirtualBus
 from cspr_drivers.canopen.frame_table import NMT_COB_ID, SYNC_COB_ID, FunctionCode, cob_id

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
@@ -15,17 +15,14 @@ class SharedPorts:
     ----------
     config
         Buses.
-    ports
-        Buses that are open already and stay open; by default they are opened by the first `acquire`.
     clock
-        Clock of the machine, for buses that are opened here.
+        Clock of the machine.
     """
 
-    def __init__(self, config: CanConfig, ports: CanPorts | None = None, clock: Clock = COMPUTER) -> None:
+    def __init__(self, config: CanConfig, clock: Clock = COMPUTER) -> None:
         self._config = config
-        self._ports = ports
+        self._ports: CanPorts | None = None
         self._clock = clock
-        self._closes = ports is None
         self._users = 0
 
     def acquire(self) -> CanPorts:
@@ -44,6 +41,6 @@ class SharedPorts:
     def release(self) -> None:
         """Give the buses back."""
         self._users -= 1
-        if self._users == 0 and self._closes and self._ports is not None:
+        if self._users == 0 and self._ports is not None:
             self._ports.close()
             self._ports = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import can
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts
+from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.canopen import cia402, cia404
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.canopen.object_entry import Parameter
@@ -46,22 +46,6 @@ class FoundDevice:
         return (
             f"{kind} at node {self.node_id} on {self.bus}: vendor 0x{who.vendor_id:X}, product "
             f"0x{who.product_code:X}, revision 0x{who.revision_number:X}, serial number {who.serial_number}"
-        )
-
-
-def require_no_driver(ports: CanPorts, master_node_id: int, period: float) -> None:
-    """Listen, for ten heartbeats of a driver, whether one is active on a bus.
-
-    Raises
-    ------
-    BusError
-        As soon as its heartbeat is seen.
-    """
-    identifier = cob_id(FunctionCode.HEARTBEAT, master_node_id)
-    if heard := ports.hear(identifier, 10.0 * period):
-        raise BusError(
-            f"a driver is active on the CAN bus {heard}: its heartbeat as node {master_node_id} "
-            "was seen; stop it first"
         )
 
 

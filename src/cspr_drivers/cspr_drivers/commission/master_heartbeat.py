@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 
-from cspr_drivers.bus.can_bus import CanPorts, CyclicFrame
+from cspr_drivers.bus.can_bus import CyclicFrame
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.canopen.nmt import NmtState
 

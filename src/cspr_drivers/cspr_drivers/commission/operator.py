@@ -57,8 +57,8 @@ class Operator:
         """
         self.tell(f"   {problem}")
 
-    def yes(self, key: str, question: str, default: str = "yes") -> bool:
-        """Return whether the answer is yes."""
+    def yes(self, key: str, question: str) -> bool:
+        """Return whether the answer is yes, which an empty line stands for."""
 
         def read(answer: str) -> bool:
             word = answer.lower()
@@ -68,7 +68,7 @@ class Operator:
                 return False
             raise ValueError("answer yes or no")
 
-        return self._until_understood(key, f"{question} [{default}]", default, read)
+        return self._until_understood(key, f"{question} [yes]", "yes", read)
 
     def done(self, key: str, request: str) -> None:
         """Ask for something to be done, and wait until it is.

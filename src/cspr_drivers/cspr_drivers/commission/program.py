@@ -12,7 +12,6 @@ from types import FrameType
 from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.commission.configuration_file import difference, new_text
 from cspr_drivers.commission.findings import Findings, FindingsFile
-from cspr_drivers.commission.found_devices import require_no_driver
 from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
 from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, WalkStoppedError
 from cspr_drivers.commission.walk import Walk
@@ -102,7 +101,7 @@ def commission(
         findings = Findings()
     ports = open_ports(can, filtered=False)
     try:
-        require_no_driver(ports, can.master_node_id, can.timeouts.heartbeat_producer)
+        ports.require_no_driver(can.master_node_id, 10.0 * can.timeouts.heartbeat_producer)
         with MasterHeartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
             Walk(can, ports, _transmission_ratio(robot), torque, operator, findings, kept.save).run()
     finally:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.canopen import cia402, cia404
 from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, WinchFindings, commissioned

@@ -19,7 +19,7 @@ from cspr_drivers.drives.group import IN_MOTION, DriveGroup
 from cspr_drivers.drives.home_position import with_home
 from cspr_drivers.drives.motor_feedback import MotorFeedback
 from cspr_drivers.drives.report import MotorStates
-from cspr_drivers.drives.torque_frames import CommandFault, Frame, TorqueFrame
+from cspr_drivers.drives.torque_frames import CommandFault, Frame, TorqueFrame, command_fault
 from cspr_drivers.drives.torque_watch import TorqueWatch
 from cspr_msgs_py.vocabulary import DriverState
 
@@ -196,7 +196,8 @@ class DriveCycle:
             At the motor shaft, N m; positive pays out.
         """
         rpdo = self._rpdos[index]
-        fault = rpdo.check.fault(torque, 1e-9 * (self._published_stamp - stamp_ns))
+        units, age = self.config.drives[index].units, 1e-9 * (self._published_stamp - stamp_ns)
+        fault = command_fault(torque, units.torque_limit, age, self.config.timeouts.command)
         if fault is not None:
             return self._reject(now, index, f"torque command of {torque:zg} N m is {fault.value}")
         if stamp_ns < rpdo.stamp_ns:
@@ -206,7 +207,7 @@ class DriveCycle:
         self.group.commanded(index, now)
         if self.group.state is DriverState.FAULT:
             return []  # the torque stays what it was when the fault came, until the brakes hold
-        rpdo.torque = self.config.drives[index].units.per_mille(torque)
+        rpdo.torque = units.per_mille(torque)
         self._torque_watch.told(index, torque)
         deadline = self._sync_time + self.config.period
         return [rpdo.make(self.group.control_words[index], deadline, (index, stamp_ns))]

@@ -12,7 +12,8 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from cspr_drivers.bus.can_bus import CanPort, CanPorts, CyclicFrame, FrameHandler
+from cspr_drivers.bus.can_bus import CanPort, CyclicFrame, FrameHandler
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
@@ -24,7 +25,7 @@ from cspr_drivers.drives.home_position import store_home
 from cspr_drivers.drives.report import DriveReport, MotorStates
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.torque_frames import Frame
-from cspr_drivers.errors import BusError, ConfigurationError, DeviceError
+from cspr_drivers.errors import ConfigurationError, DeviceError
 from cspr_msgs_py.vocabulary import DriverState
 
 _HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
@@ -95,12 +96,8 @@ class DriveMaster:
         BusError
             If another driver is active on one of the buses.
         """
-        node = self.config.master_node_id
         wait = self._clock.on_computer(1.5 * self.config.timeouts.heartbeat_producer)
-        if bus := self._ports.hear(cob_id(FunctionCode.HEARTBEAT, node), wait):
-            raise BusError(
-                f"another driver is active on the CAN bus {bus}: its heartbeat as node {node} was seen"
-            )
+        self._ports.require_no_driver(self.config.master_node_id, wait)
         self._started = True
         for port, identifier, handler in self._handlers():
             port.subscribe(identifier, handler)

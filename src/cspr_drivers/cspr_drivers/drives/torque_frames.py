@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -21,40 +20,23 @@ class CommandFault(Enum):
     AHEAD = "stamped later than the newest motor states"
 
 
-@dataclass(frozen=True)
-class CommandCheck:
-    """Limits of one motor's command.
+def command_fault(torque: float, limit: float, age: float, timeout: float) -> CommandFault | None:
+    """Return what is wrong with a command, or `None`.
 
-    Attributes
+    Parameters
     ----------
-    torque_limit
-        Largest absolute torque, N m.
-    timeout
-        Largest age, s.
+    torque, limit
+        Torque demanded, and the largest one, N m.
+    age, timeout
+        Stamp of the newest motor states less that of the command, and the largest age, s.
     """
-
-    torque_limit: float
-    timeout: float
-
-    def fault(self, torque: float, age: float) -> CommandFault | None:
-        """Return what is wrong with a command, or `None`.
-
-        Parameters
-        ----------
-        torque
-            Torque demanded, N m.
-        age
-            Stamp of the newest motor states less that of the command, s.
-        """
-        if not math.isfinite(torque):
-            return CommandFault.NOT_FINITE
-        if abs(torque) > self.torque_limit:
-            return CommandFault.OUT_OF_RANGE
-        if age > self.timeout:
-            return CommandFault.STALE
-        if age < 0.0:
-            return CommandFault.AHEAD
-        return None
+    if not math.isfinite(torque):
+        return CommandFault.NOT_FINITE
+    if abs(torque) > limit:
+        return CommandFault.OUT_OF_RANGE
+    if age > timeout:
+        return CommandFault.STALE
+    return CommandFault.AHEAD if age < 0.0 else None
 
 
 class Frame(NamedTuple):
@@ -85,14 +67,12 @@ class TorqueFrame:
     Parameters
     ----------
     config
-        Frame layout and limits.
+        Frame layout.
     drive
         The drive.
 
     Attributes
     ----------
-    check
-        What a torque command must be before it may reach the drive.
     torque
         Torque to be sent, in thousandths of the rated torque.
     stamp_ns
@@ -104,7 +84,6 @@ class TorqueFrame:
     """
 
     def __init__(self, config: CanConfig, drive: DriveConfig) -> None:
-        self.check = CommandCheck(drive.units.torque_limit, config.timeouts.command)
         self.torque = 0
         self.stamp_ns = 0
         self.sent = False

@@ -1,21 +1,48 @@
 """What the load cells measure: frames in, the tensions of one SYNC out, and what is wrong with which cell.
 
-It has no bus, no thread, no lock and no clock: times are arguments, in seconds of one monotonic clock.
+All tensions of one SYNC come together; a missing value is never filled in. The cycle has no bus, no thread, no lock and
+no clock: times are arguments, in seconds of one monotonic clock.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from cspr_drivers.canopen.cia404 import status_text
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency, after
 from cspr_drivers.canopen.frame_table import INPUT_STATUS, PROCESS_VALUE
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.cycle.cycle_watch import AnswerCounts, CycleWatch
 from cspr_drivers.load_cells.stuck_cells import StuckCells
-from cspr_drivers.load_cells.tension_cycle import CompleteTensions, TensionCycle
 
 _SATURATED = "at the end of its measuring range"
+
+
+@dataclass(frozen=True)
+class TensionStatistics:
+    """Counts since the start.
+
+    Attributes
+    ----------
+    cycles
+        Cycles that have ended.
+    incomplete_cycles
+        Those of them without a valid value of every cell.
+    missing
+        Cycles without a valid value, of each cell that has any.
+    answers
+        Of each cell, valid or not.
+    problems
+        What is wrong with a cell now: it is silent, or its status in words. Only cells with a problem.
+    """
+
+    cycles: int
+    incomplete_cycles: int
+    missing: dict[str, int]
+    problems: dict[str, str]
+    answers: tuple[AnswerCounts, ...]
 
 
 class LoadCellCycle:
@@ -28,8 +55,6 @@ class LoadCellCycle:
 
     Attributes
     ----------
-    tensions
-        The present cycle and its statistics.
     errors
         Of each cell, that it has reported by emergency messages and not withdrawn (m).
     sync_time
@@ -38,7 +63,6 @@ class LoadCellCycle:
 
     def __init__(self, config: CanConfig) -> None:
         count = len(config.load_cells)
-        self.tensions = TensionCycle([cell.name for cell in config.load_cells])
         self.errors: list[ActiveErrors] = [()] * count
         self.sync_time: float | None = None
         self._cells = config.load_cells
@@ -50,14 +74,38 @@ class LoadCellCycle:
         self._heard = [-math.inf] * count
         self._status = [""] * count  # of the newest value of each cell, empty when it is valid
         self._spans: list[tuple[float, float]] = [(-math.inf, math.inf)] * count
+        self._stamp_ns = 0  # of the last SYNC
+        self._values: list[float | None] = [None] * count  # of the present cycle
+        self._last = self._values  # of the cycle before
+        self._answers = CycleWatch(count)
+        self._cycles = 0
+        self._incomplete = 0
+        self._missing = [0] * count
+        self._problems: dict[str, str] = {}  # of the cycle before
 
     def sync(self, now: float, stamp_ns: int) -> None:
         """Begin the cycle of a SYNC; its stamp in ns of ROS time."""
+        if self.sync_time is not None:
+            silent = self._answers.missing
+            self._cycles += 1
+            self._last = self._values
+            self._incomplete += None in self._values
+            self._problems = {}
+            for index, value in enumerate(self._values):
+                if value is None:
+                    self._missing[index] += 1
+                    self._problems[self._cells[index].name] = (
+                        "silent" if index in silent else self._status[index]
+                    )
+        self._answers.sync(counted=False)
         self.sync_time = now
-        self.tensions.sync(stamp_ns)
+        self._stamp_ns = stamp_ns
+        self._values = [None] * len(self._cells)
 
-    def measured(self, now: float, index: int, data: bytes | bytearray) -> CompleteTensions | None:
-        """Process the frame of a cell; return all tensions when it was the last one missing.
+    def measured(
+        self, now: float, index: int, data: bytes | bytearray
+    ) -> tuple[int, tuple[float, ...]] | None:
+        """Process the frame of a cell; return stamp and tensions (m,), N, of the SYNC when it was the last one missing.
 
         Raises
         ------
@@ -70,10 +118,20 @@ class LoadCellCycle:
         problem = status_text(status) if status else "" if low < value < high else _SATURATED
         self._heard[index] = now
         self._status[index] = problem
-        complete = self.tensions.measured(index, self._cells[index].units.tension(value), problem)
-        if complete is not None:
-            self._stuck.observe(now, complete.tensions)
-        return complete
+        if self.sync_time is None or self._values[index] is not None:
+            return None
+        # Amplifiers convert for a good part of a cycle. A value that comes after the next SYNC is counted as late and
+        # used in the cycle in which it comes: unlike a position it is not differentiated.
+        self._answers.is_late(index)
+        self._answers.feedback(index, 0.0)
+        if problem:
+            return None
+        self._values[index] = self._cells[index].units.tension(value)
+        tensions = tuple(value for value in self._values if value is not None)
+        if len(tensions) < len(self._cells):
+            return None
+        self._stuck.observe(now, tensions)
+        return self._stamp_ns, tensions
 
     def configured(self, index: int, span: tuple[int | None, int | None]) -> None:
         """Note that a cell is configured: the values at the ends of its measuring range, as far as it says."""
@@ -108,3 +166,25 @@ class LoadCellCycle:
             elif self.errors[index]:
                 found[cell.name] = f"reports {self.errors[index][-1].text}"
         return found
+
+    def tare_refusal(self, limit: float) -> str | None:
+        """Return why the cells must not be tared now, or `None`.
+
+        A value of every cell in the last cycle is wanted, none of them beyond `limit`, N: the weight of the
+        platform must not become zero.
+        """
+        for cell, value in zip(self._cells, self._last, strict=True):
+            if value is None:
+                return f"{cell.name} gives no valid value"
+            if abs(value) > limit:
+                return (
+                    f"{cell.name} carries {value:z.0f} N: only slack cables, below {limit:g} N, can be tared"
+                )
+        return None
+
+    def statistics(self) -> TensionStatistics:
+        """Return the counts so far."""
+        missing = {cell.name: count for cell, count in zip(self._cells, self._missing, strict=True) if count}
+        return TensionStatistics(
+            self._cycles, self._incomplete, missing, dict(self._problems), self._answers.statistics().answers
+        )

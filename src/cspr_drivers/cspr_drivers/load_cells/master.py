@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.clock import Thread
@@ -17,8 +17,7 @@ from cspr_drivers.devices.settings import LOAD_CELL_TARE
 from cspr_drivers.devices.setup import set_up_load_cell
 from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.errors import DeviceError
-from cspr_drivers.load_cells.cycle import LoadCellCycle
-from cspr_drivers.load_cells.tension_cycle import TensionStatistics
+from cspr_drivers.load_cells.cycle import LoadCellCycle, TensionStatistics
 
 NO_SYNC = 1.0  # s without SYNC after which its absence is reported
 
@@ -138,7 +137,7 @@ class LoadCellMaster:
         if self._setup.problems:
             return f"not configured: {', '.join(self._setup.problems)}"
         with self._lock:
-            refusal = self._cycle.tensions.tare_refusal(limit)
+            refusal = self._cycle.tare_refusal(limit)
         if refusal is None and self._taring is not None and self._taring.is_alive():
             refusal = "taring is under way"
         if refusal is None:
@@ -165,7 +164,7 @@ class LoadCellMaster:
         with self._lock:
             return LoadCellReport(
                 None if self._cycle.sync_time is None else now - self._cycle.sync_time,
-                self._cycle.tensions.statistics(),
+                self._cycle.statistics(),
                 self._setup.problems,
                 problems,
                 tuple(self._cycle.errors),
@@ -176,7 +175,7 @@ class LoadCellMaster:
         with self._lock:
             complete = self._cycle.measured(now, index, data)
         if complete is not None:
-            self._publish(complete.stamp_ns, complete.tensions)
+            self._publish(*complete)
 
     def _configure(self, index: int) -> None:
         """Bring an amplifier to NMT operational; run by the set-up thread."""

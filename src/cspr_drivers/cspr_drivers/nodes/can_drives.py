@@ -6,7 +6,7 @@ import sys
 from functools import partial
 
 from cspr_drivers.bus.bus_load import require_fitting_load
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.nodes.driver_messages import drive_diagnostics, drive_states
@@ -109,7 +109,7 @@ class CanDrives(DriverNode[DriveMaster]):
         if master is None:
             return
         try:
-            command = decode_joint(codec, buffer, 0)
+            command = decode_joint(codec, buffer)
         except MessageError as error:
             master.reject_command(index, str(error))
             return

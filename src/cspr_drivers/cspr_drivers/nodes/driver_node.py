@@ -11,7 +11,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
@@ -20,7 +20,7 @@ from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.driver_messages import bus_status
 from cspr_msgs_py.parameters.table import AUTOSTART, CAN_CONFIG
 from cspr_msgs_py.runtime.parameters import declare
-from cspr_msgs_py.runtime.process import Diagnostics, sample_publisher, steady_timer
+from cspr_msgs_py.runtime.process import report_health, sample_publisher, steady_timer
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import Status, StatusArray
@@ -68,15 +68,13 @@ class DriverNode(LifecycleNode, Generic[_Master]):
     def __init__(
         self,
         config: CanConfig | None = None,
-        ports: SharedPorts | CanPorts | None = None,
+        ports: SharedPorts | None = None,
         clock: Clock = COMPUTER,
         **options: Any,
     ) -> None:
         super().__init__(self.name, **options)
         self.config = load_config(self) if config is None else config
-        self.shared_ports = (
-            ports if isinstance(ports, SharedPorts) else SharedPorts(self.config, ports, clock)
-        )
+        self.shared_ports = SharedPorts(self.config, clock) if ports is None else ports
         self.active = False
         autostart = declare(self, AUTOSTART)
         self._ports: CanPorts | None = None
@@ -88,7 +86,7 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         self._starting = autostart  # a failure then ends the process, which reports it
         self.prepare()
         steady_timer(self, _STATE_PERIOD, self._watch_states)
-        self._diagnostics = Diagnostics(self, self._report)
+        report_health(self, self._report)
         for trigger in (self.trigger_configure, self.trigger_activate) if autostart else ():
             if trigger() is not TransitionCallbackReturn.SUCCESS and self._error is not None:
                 raise self._error

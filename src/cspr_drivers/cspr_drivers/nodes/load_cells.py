@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from cspr_drivers.bus.can_bus import CanPorts
+from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.driver_messages import load_cell_diagnostics, load_cell_states
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode

@@ -26,7 +26,7 @@ from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import Diagnostics, run_nodes, sample_publisher, steady_timer, subscribe
+from cspr_msgs_py.runtime.process import report_health, run_nodes, sample_publisher, steady_timer, subscribe
 from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import InertiaSample, Status
@@ -76,7 +76,7 @@ class SimulatedRobot(Node):
         self.create_service(Trigger, "~/inject_fault", self._inject_fault)
         self.create_service(Trigger, "~/clear_faults", self._clear_faults)
         steady_timer(self, _PAYLOAD_PERIOD, self._watch)
-        self._diagnostics = Diagnostics(self, self._report)
+        report_health(self, self._report)
 
     def destroy_node(self) -> None:
         """Destroy the node, after the drivers: the devices go with it."""

@@ -1,15 +1,46 @@
-"""The one way in which configuration files are read: YAML whose keys are unique and whose numbers are finite."""
+"""The one way in which configuration files are read: YAML whose keys are unique and whose numbers are finite.
+
+The dialect is the one in which ROS reads parameter files: YAML 1.1, where ``on`` is a truth value and ``010`` is eight,
+without aliases. `cspr_msgs_py.parameters.file` reads those the same way; a test feeds both the same spellings.
+"""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, ComposerError
+from ruamel.yaml.error import MantissaNoDotYAML1_1Warning
+from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.resolver import VersionedResolver
 
 from cspr_kinematics.errors import ConfigurationFileError
+
+warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
+
+
+class _Resolver(VersionedResolver):
+    processing_version = (1, 1)  # whatever a file says of itself
+
+
+class _Composer(Composer):
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.parser.check_event(AliasEvent):  # a few of them can stand for more than a computer holds
+            mark = self.parser.peek_event().start_mark
+            raise ComposerError(None, None, "found an alias; write out what it stands for", mark)
+        return super().compose_node(parent, index)
+
+
+def _yaml(kind: str) -> YAML:
+    yaml = YAML(typ=kind, pure=True)
+    yaml.Resolver = _Resolver
+    if kind == "safe":  # a loader; the other kind writes
+        yaml.Composer = _Composer
+    return yaml
 
 
 def read_yaml(path: str | Path, remedy: str = "") -> dict[Any, Any]:
@@ -45,7 +76,7 @@ def parse_yaml(text: str | bytes, source: str, remedy: str = "") -> dict[Any, An
     """
     try:
         decoded = text.decode("utf-8") if isinstance(text, bytes) else text
-        content = YAML(typ="safe", pure=True).load(decoded)
+        content = _yaml("safe").load(decoded)
         numbers = list(_numbers(content, ""))
     except Exception as error:  # no text, no number, no end of brackets or aliases, a tag that does not fit
         raise ConfigurationFileError(source, None, None, f"is not valid YAML: {_described(error)}") from error
@@ -57,6 +88,11 @@ def parse_yaml(text: str | bytes, source: str, remedy: str = "") -> dict[Any, An
         if not is_finite(value):
             raise ConfigurationFileError(source, key, value, "must be a finite number")
     return content
+
+
+def write_yaml(path: Path, content: dict[Any, Any]) -> None:
+    """Write a configuration file that is read as it was meant."""
+    _yaml("rt").dump(content, path)
 
 
 def is_finite(value: float) -> bool:

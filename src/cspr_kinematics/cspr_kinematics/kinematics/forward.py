@@ -21,7 +21,7 @@ from cspr_kinematics.arrays import (
     positive_integer,
     positive_number,
 )
-from cspr_kinematics.compiled import in_batch, in_chunks, kernel_input
+from cspr_kinematics.compiled import in_batch, kernel_input
 from cspr_kinematics.errors import ForwardKinematicsError, InvalidInputError
 from cspr_kinematics.kinematics import _forward as kernels
 from cspr_kinematics.kinematics import _iteration as iteration
@@ -31,9 +31,6 @@ from cspr_kinematics.kinematics.accuracy import largest_misfit, length_deviation
 from cspr_kinematics.kinematics.pose_search import pose_search
 from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.robot import Robot
-
-# Below this many problems a thread costs more than it saves.
-_LEAST_PER_THREAD = 200
 
 
 class ForwardKinematicsStatus(IntEnum):
@@ -126,7 +123,7 @@ def forward_kinematics(
         If lengths are not positive and finite or have another shape, the batch axes do not broadcast, or a
         limit is not positive.
     """
-    solved = _solve(robot, lengths, guess, max_residual, max_iterations, None, 1)
+    solved = _solve(robot, lengths, guess, max_residual, max_iterations, None)
     if solved.failures:
         raise _failure(_solution(solved), max_residual)
     return Pose.trusted(in_batch(solved.position, solved.batch), in_batch(solved.rotation, solved.batch))
@@ -140,7 +137,6 @@ def solve_forward_kinematics(
     max_residual: float = 0.05,
     max_iterations: int = 50,
     length_deviation: ArrayLike | None = None,
-    threads: int = 1,
 ) -> ForwardKinematicsSolution:
     """Do the same as `forward_kinematics`, but report failures instead of raising an error.
 
@@ -151,8 +147,6 @@ def solve_forward_kinematics(
     length_deviation : float or array_like, shape (m,), optional
         Standard deviation of the length errors, m. With it, the squares are weighted, the solution has a
         covariance, and errors larger than it explains are reported even below `max_residual`.
-    threads : int
-        Number of threads among which a batch is divided.
 
     Raises
     ------
@@ -161,7 +155,7 @@ def solve_forward_kinematics(
     SingularWrenchMatrixError
         If the covariance is asked for where lengths do not determine the pose.
     """
-    return _solution(_solve(robot, lengths, guess, max_residual, max_iterations, length_deviation, threads))
+    return _solution(_solve(robot, lengths, guess, max_residual, max_iterations, length_deviation))
 
 
 class _Solved(NamedTuple):
@@ -202,7 +196,6 @@ def _solve(
     max_residual: float,
     max_iterations: int,
     length_deviation: ArrayLike | None,
-    threads: int,
 ) -> _Solved:
     m = robot.number_of_cables
     target = checked("lengths", lengths, m)
@@ -232,22 +225,14 @@ def _solve(
     position, rotation = np.empty((n, 3)), np.empty((n, 3, 3))
     error, jacobian, slack = np.empty((n, m)), np.empty((n, m, 6)), np.empty((n, m))
     status, converged = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
-    guided = guess is not None
     starting = robot.path_geometry, search.frame, search.starts, search.center, search.home
     limits = weights, deviation, limit, misfit, positive_integer("max_iterations", max_iterations)
     outputs = position, rotation, error, jacobian, status, converged, slack
 
-    def solve(first: int, end: int) -> None:
-        part = slice(first, end)
-        own = guesses if count == 1 else (guesses[0][part], guesses[1][part])
-        arguments: list[Any] = [*starting, targets[part], guided, *own, *limits, *(x[part] for x in outputs)]
-        done.append(kernels.forward_at_poses(*arguments))
-
-    done: list[tuple[int, int]] = []
-    in_chunks(solve, n, threads, _LEAST_PER_THREAD)
-    if any(failed < 0 for failed, _ in done):
+    arguments: list[Any] = [*starting, targets, guess is not None, *guesses, *limits, *outputs]
+    failures, iterations = kernels.forward_at_poses(*arguments)
+    if failures < 0:
         raise InvalidInputError("lengths", lengths, "cable lengths must be positive")
-    failures, iterations = sum(failed for failed, _ in done), max(most for _, most in done)
     return _Solved(batch, failures, iterations, known, *outputs)
 
 

@@ -59,11 +59,6 @@ class Cables(ReadOnlyArrays):
         """
         return np.asarray(self.anchor_points + self.free_lengths[..., None] * self.directions)
 
-    @property
-    def wrapped_lengths(self) -> FloatArray:
-        """Arcs on the pulleys, from exit point to tangent point, shape (..., m), m; zero without a pulley."""
-        return np.asarray(self.lengths - self.free_lengths)
-
 
 def inverse_kinematics(robot: Robot, pose: Pose) -> Cables:
     """Return cable lengths, directions and Jacobian at `pose`.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cspr_kinematics.arrays import FloatArray, frozen
-from cspr_kinematics.motion.so3 import rotation_from_vector
+from cspr_kinematics.motion._rotation import turn
 from cspr_kinematics.robot.robot import Robot
 
 # Exit points count as coplanar when they are off the plane by less than this share of their extent.
@@ -36,13 +36,15 @@ def pose_search(robot: Robot) -> PoseSearch:
     """Return where the search for poses of a robot starts; computed once for each robot."""
     m = robot.number_of_cables
     base = robot.home.rotation
-    turned = [
-        rotation_from_vector(np.array([0.0, 0.0, turn])) @ base @ rotation_from_vector(np.array([x, y, 0.0]))
-        for turn, x, y in sorted(product(_TURNS, _TILTS, _TILTS), key=lambda v: math.hypot(*v))
-    ]
+    starts = np.empty((len(_TURNS) * len(_TILTS) ** 2, 3, 3))
+    tilted = np.empty((3, 3))
+    by_angle = sorted(product(_TURNS, _TILTS, _TILTS), key=lambda angles: math.hypot(*angles))
+    for start, (about_z, x, y) in zip(starts, by_angle, strict=True):
+        turn(x, y, 0.0, np.eye(3), tilted)
+        turn(0.0, 0.0, about_z, base @ tilted, start)
     return PoseSearch(
         frozen(_frame_plane(robot)),
-        frozen(np.array(turned)),
+        frozen(starts),
         frozen(0.5 * (robot.workspace_min + robot.workspace_max)),
         frozen(np.concatenate((robot.home.position, base.ravel()))),
         frozen(np.ones(m)),

@@ -8,8 +8,6 @@ from cspr_kinematics.arrays import FloatArray
 
 _NEXT = np.array([1, 2, 0])
 _AFTER_NEXT = np.array([2, 0, 1])
-_IDENTITY = np.eye(3)
-_SMALL_ANGLE = 1e-9
 # Below this cosine of beta, alpha and gamma cannot be told apart for rounding: they turn about the same axis.
 _GIMBAL_LOCK = 1e-7
 
@@ -19,14 +17,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(
         a.take(_NEXT, -1) * b.take(_AFTER_NEXT, -1) - a.take(_AFTER_NEXT, -1) * b.take(_NEXT, -1)
     )
-
-
-def skew(vector: FloatArray) -> FloatArray:
-    """Matrix [v]x (..., 3, 3) with [v]x a = v x a, from v (..., 3)."""
-    matrix = np.zeros((*vector.shape, 3))
-    matrix[..., _AFTER_NEXT, _NEXT] = vector
-    matrix[..., _NEXT, _AFTER_NEXT] = -vector
-    return matrix
 
 
 def rotation_from_euler(alpha: FloatArray, beta: FloatArray, gamma: FloatArray) -> FloatArray:
@@ -52,24 +42,3 @@ def euler_from_rotation(rotation: FloatArray) -> FloatArray:
     alpha = np.where(known, np.arctan2(Q[..., 1, 0], Q[..., 0, 0]), np.arctan2(-Q[..., 0, 1], Q[..., 1, 1]))
     gamma = np.where(known, np.arctan2(Q[..., 2, 1], Q[..., 2, 2]), 0.0)
     return np.stack((alpha, np.arctan2(-Q[..., 2, 0], cos_beta), gamma), axis=-1)
-
-
-def rotation_from_vector(vector: FloatArray) -> FloatArray:
-    """Rotation by the angle |v| about the axis v (Rodrigues' formula).
-
-    Parameters
-    ----------
-    vector : numpy.ndarray, shape (..., 3)
-        Rotation vector, rad.
-
-    Returns
-    -------
-    numpy.ndarray, shape (..., 3, 3)
-    """
-    norm = np.sqrt(np.einsum("...i,...i->...", vector, vector))[..., None, None]
-    # Below the floor both quotients have reached their limits 1 and 1/2; angle 0 would divide 0 by 0.
-    angle = np.maximum(norm, _SMALL_ANGLE)
-    matrix = skew(vector)
-    sine_factor = np.sin(angle) / angle
-    cosine_factor = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
-    return np.asarray(_IDENTITY + sine_factor * matrix + cosine_factor * (matrix @ matrix))

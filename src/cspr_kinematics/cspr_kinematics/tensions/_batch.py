@@ -9,18 +9,14 @@ from cspr_kinematics.arrays import BoolArray, FloatArray
 from cspr_kinematics.compiled import kernel
 from cspr_kinematics.tensions._bounded import (
     EXACT,
-    INFEASIBLE,
     SINGULAR,
     analytic_center_kernel,
     bounded_tensions_kernel,
     centroid_kernel,
     reached_kernel,
+    residual_kernel,
 )
 from cspr_kinematics.tensions._null_space import null_space_kernel
-from cspr_kinematics.tensions._separating_direction import separating_direction_kernel
-
-# A tension counts as at its limit within this share of the larger limit.
-ACTIVE_TOLERANCE = 1e-9
 
 # Codes of the methods, in the order of `Method`.
 MINIMUM_NORM = 0
@@ -36,20 +32,14 @@ def distribute_batch(
     w: FloatArray,
     t_min: FloatArray,
     t_max: FloatArray,
-    t_reference: FloatArray,
-    weights: FloatArray,
     first: int,
     after_last: int,
     tensions: FloatArray,
     feasible: BoolArray,
     residual: FloatArray,
-    residual_wrench: FloatArray,
     margin: FloatArray,
-    active: NDArray[np.int8],
     status: NDArray[np.int64],
     steps: NDArray[np.int64],
-    direction: FloatArray,
-    separation: FloatArray,
 ) -> tuple[int, bool]:
     """Find tensions for wrenches `first` to `after_last` of a batch of n; write the fields of a `TensionResult`.
 
@@ -59,14 +49,11 @@ def distribute_batch(
         MINIMUM_NORM, CLOSEST, CENTROID or ANALYTIC_CENTER.
     A : numpy.ndarray, shape (n or 1, 6, m)
     w : numpy.ndarray, shape (n or 1, 6)
-    t_min, t_max, t_reference : numpy.ndarray, shape (n or 1, m)
-    weights : numpy.ndarray, shape (6,)
+    t_min, t_max : numpy.ndarray, shape (n or 1, m)
     tensions : numpy.ndarray, shape (n, m)
         Nothing is written for a singular wrench matrix, but its status.
     feasible : numpy.ndarray of bool, shape (n,)
-    residual, margin, separation : numpy.ndarray, shape (n,)
-    residual_wrench, direction : numpy.ndarray, shape (n, 6)
-    active : numpy.ndarray of int8, shape (n, m)
+    residual, margin : numpy.ndarray, shape (n,)
     status, steps : numpy.ndarray of int, shape (n,)
         A `TensionStatus`, or SINGULAR.
 
@@ -84,13 +71,12 @@ def distribute_batch(
         b = w[k if w.shape[0] > 1 else 0]
         low = t_min[k if t_min.shape[0] > 1 else 0]
         high = t_max[k if t_max.shape[0] > 1 else 0]
-        reference = t_reference[k if t_reference.shape[0] > 1 else 0]
         t = tensions[k]
         if method == MINIMUM_NORM:
             status[k] = EXACT if null_space_kernel(a, b, t, basis) else SINGULAR
             steps[k] = 0
         else:
-            status[k], steps[k] = bounded_tensions_kernel(a, b, low, high, reference, weights, t)
+            status[k], steps[k] = bounded_tensions_kernel(a, b, low, high, t)
             if status[k] == EXACT and method == CENTROID:
                 steps[k] += centroid_kernel(a, b, low, high, t)
             elif status[k] == EXACT and method == ANALYTIC_CENTER:
@@ -98,40 +84,10 @@ def distribute_batch(
         if status[k] == SINGULAR:
             singular += 1
             continue
-        direction[k] = np.nan
-        separation[k] = np.nan
-        if status[k] == INFEASIBLE:
-            gap = separating_direction_kernel(a, b, low, high, t, weights, direction[k])
-            separation[k] = gap if gap > 0.0 else np.nan
-        residual[k], margin[k] = _assess(a, b, low, high, t, residual_wrench[k], active[k])
+        residual[k] = residual_kernel(a, b, t)
+        margin[k] = np.inf
+        for i in range(t.shape[0]):
+            margin[k] = min(margin[k], t[i] - low[i], high[i] - t[i])
         feasible[k] = margin[k] >= 0.0 and status[k] == EXACT and residual[k] <= reached_kernel(b)
         finite &= np.isfinite(residual[k])
     return singular, finite
-
-
-@kernel
-def _assess(
-    A: FloatArray,
-    w: FloatArray,
-    t_min: FloatArray,
-    t_max: FloatArray,
-    tensions: FloatArray,
-    residual_wrench: FloatArray,
-    active: NDArray[np.int8],
-) -> tuple[float, float]:
-    """Write wrench error (6,) and active limits (m,) of tensions; return the error's norm and their margin."""
-    m = tensions.shape[0]
-    squared = 0.0
-    for row in range(6):
-        error = -w[row]
-        for i in range(m):
-            error += A[row, i] * tensions[i]
-        residual_wrench[row] = error
-        squared += error * error
-    margin = np.inf
-    for i in range(m):
-        near = ACTIVE_TOLERANCE * max(abs(t_min[i]), abs(t_max[i]))
-        below, above = tensions[i] - t_min[i], t_max[i] - tensions[i]
-        margin = min(margin, below, above)
-        active[i] = -1 if below <= near else (1 if above <= near else 0)
-    return np.sqrt(squared), margin

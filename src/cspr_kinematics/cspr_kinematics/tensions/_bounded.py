@@ -1,4 +1,4 @@
-"""Tensions for one pose: nearest to a reference, or in the middle; steps are bounded.
+"""Tensions for one pose: of least norm, or in the middle; steps are bounded.
 
 The kernels that look for a middle start from the tensions of `bounded_tensions_kernel`, and keep them where
 there is none. They do not call it, because whatever a kernel calls is compiled again with it.
@@ -27,7 +27,7 @@ class TensionStatus(IntEnum):
     """How a tension distribution ended.
 
     - EXACT: the tensions give the wrench; those of a bounded method lie within the limits.
-    - INFEASIBLE: no tensions within the limits give the wrench; these are the ones of least weighted error.
+    - INFEASIBLE: no tensions within the limits give the wrench; these are the ones of least error.
     - ITERATION_LIMIT: the cap on steps was reached; the tensions lie within the limits, but nothing else is known.
     """
 
@@ -56,11 +56,9 @@ def bounded_tensions_kernel(
     w: FloatArray,
     t_min: FloatArray,
     t_max: FloatArray,
-    t_reference: FloatArray,
-    weights: FloatArray,
     tensions: FloatArray,
 ) -> tuple[int, int]:
-    """Write the feasible tensions nearest to the reference; without any, those of least weighted error.
+    """Write the feasible tensions of least norm; without any, those of least wrench error.
 
     Parameters
     ----------
@@ -68,11 +66,8 @@ def bounded_tensions_kernel(
         Wrench matrix.
     w : numpy.ndarray, shape (6,)
         Wrench, N and N m.
-    t_min, t_max, t_reference : numpy.ndarray, shape (m,)
-        N; the solution is the feasible tensions nearest to t_reference; for zeros, the bounded ones of least
-        norm.
-    weights : numpy.ndarray, shape (6,)
-        Positive weights of the squared wrench error's components.
+    t_min, t_max : numpy.ndarray, shape (m,)
+        N.
     tensions : numpy.ndarray, shape (m,)
         Receives the solution.
 
@@ -92,9 +87,6 @@ def bounded_tensions_kernel(
         return SINGULAR, steps
     found = True
     x = np.zeros(r)
-    for k in range(r):
-        for i in range(m):
-            x[k] += N[i, k] * t_reference[i]
     if not _tensions_at(particular, N, x, t_min, t_max, tensions):
         if r == 0:
             found = False
@@ -112,7 +104,7 @@ def bounded_tensions_kernel(
             _tensions_at(particular, N, x, t_min, t_max, tensions)
     if found and residual_kernel(A, w, tensions) <= reached_kernel(w):
         return EXACT, steps
-    converged, more = bounded_least_squares_kernel(A, w, t_min, t_max, t_reference, weights, tensions)
+    converged, more = bounded_least_squares_kernel(A, w, t_min, t_max, tensions)
     steps += more
     if residual_kernel(A, w, tensions) <= reached_kernel(w):
         return EXACT, steps

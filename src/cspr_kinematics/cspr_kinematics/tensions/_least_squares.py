@@ -1,9 +1,8 @@
-"""Bounded tensions of least weighted wrench error, for wrenches out of reach and singular wrench matrices.
+"""Bounded tensions of least wrench error, for wrenches out of reach and singular wrench matrices.
 
-min |W^1/2 (A t - w)|^2 + eps^2 |t - t_reference|^2 inside the limits, by a primal active set (Stark and
-Parker, "Bounded-variable least-squares", Computational Statistics 10, 1995). The second term is small enough
-to cost a relative wrench error of about 1e-10, and makes the solution unique and continuous where the cables
-leave a choice.
+min |A t - w|^2 + eps^2 |t|^2 inside the limits, by a primal active set (Stark and Parker, "Bounded-variable
+least-squares", Computational Statistics 10, 1995). The second term is small enough to cost a relative wrench
+error of about 1e-10, and makes the solution unique and continuous where the cables leave a choice.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from cspr_kinematics.compiled import kernel
 # Least-squares problems solved, per cable, before giving up.
 LEAST_SQUARES_STEPS_PER_CABLE = 10
 
-_REGULARISATION = 1e-5  # eps, relative to the longest weighted column of A
+_REGULARISATION = 1e-5  # eps, relative to the longest column of A
 _GRADIENT_TOLERANCE = 1e-13  # relative to what rounding makes of it
 
 
@@ -26,17 +25,15 @@ def bounded_least_squares_kernel(
     w: FloatArray,
     t_min: FloatArray,
     t_max: FloatArray,
-    t_reference: FloatArray,
-    weights: FloatArray,
     tensions: FloatArray,
 ) -> tuple[bool, int]:
-    """Write the bounded tensions of least weighted wrench error.
+    """Write the bounded tensions of least wrench error.
 
     Parameters
     ----------
     A : numpy.ndarray, shape (6, m)
-    w, weights : numpy.ndarray, shape (6,)
-    t_min, t_max, t_reference : numpy.ndarray, shape (m,)
+    w : numpy.ndarray, shape (6,)
+    t_min, t_max : numpy.ndarray, shape (m,)
     tensions : numpy.ndarray, shape (m,)
         Receives the solution.
 
@@ -48,20 +45,16 @@ def bounded_least_squares_kernel(
         Least-squares problems solved, at most `LEAST_SQUARES_STEPS_PER_CABLE` m.
     """
     m = A.shape[1]
-    B = np.empty((m, 6))  # rows: weighted columns of A
-    c = np.empty(6)
     longest, scale = 0.0, 0.0
     for k in range(6):
-        c[k] = np.sqrt(weights[k]) * w[k]
-        scale = max(scale, abs(c[k]))
+        scale = max(scale, abs(w[k]))
     for i in range(m):
         squared = 0.0
         for k in range(6):
-            B[i, k] = np.sqrt(weights[k]) * A[k, i]
-            squared += B[i, k] * B[i, k]
+            squared += A[k, i] * A[k, i]
         longest = max(longest, np.sqrt(squared))
     if longest == 0.0:
-        longest = 1.0  # nothing pulls at anything: the reference it will be
+        longest = 1.0  # nothing pulls at anything: the tensions nearest to zero it will be
     for i in range(m):
         scale = max(scale, longest * abs(t_min[i]), longest * abs(t_max[i]))
     eps = _REGULARISATION * longest
@@ -77,7 +70,7 @@ def bounded_least_squares_kernel(
     fixed_one = True
     while fixed_one:
         fixed_one = False
-        _free_solution(B, c, eps, t_reference, tensions, free, work, trial)
+        _free_solution(A, w, eps, tensions, free, work, trial)
         steps += 1
         for i in range(m):
             if free[i]:
@@ -88,16 +81,16 @@ def bounded_least_squares_kernel(
     while steps < cap:
         # The limit whose release lessens the error fastest.
         for k in range(6):
-            error[k] = -c[k]
+            error[k] = -w[k]
             for i in range(m):
-                error[k] += B[i, k] * tensions[i]
+                error[k] += A[k, i] * tensions[i]
         entering, steepest = -1, tolerance
         for i in range(m):
             if free[i] or rejected[i]:
                 continue
-            gradient = eps * eps * (tensions[i] - t_reference[i])
+            gradient = eps * eps * tensions[i]
             for k in range(6):
-                gradient += B[i, k] * error[k]
+                gradient += A[k, i] * error[k]
             descent = -gradient if tensions[i] <= t_min[i] else gradient
             if descent > steepest:
                 entering, steepest = i, descent
@@ -107,7 +100,7 @@ def bounded_least_squares_kernel(
         at_lower = tensions[entering] <= t_min[entering]
         first = True
         while steps < cap:
-            _free_solution(B, c, eps, t_reference, tensions, free, work, trial)
+            _free_solution(A, w, eps, tensions, free, work, trial)
             steps += 1
             if first and (
                 trial[entering] <= t_min[entering] if at_lower else trial[entering] >= t_max[entering]
@@ -140,10 +133,9 @@ def bounded_least_squares_kernel(
 
 @kernel
 def _free_solution(
-    B: FloatArray,
-    c: FloatArray,
+    A: FloatArray,
+    w: FloatArray,
     eps: float,
-    t_reference: FloatArray,
     tensions: FloatArray,
     free: BoolArray,
     work: FloatArray,
@@ -151,9 +143,9 @@ def _free_solution(
 ) -> None:
     """Write to `trial` the tensions of the free cables that solve the problem with the others as they are.
 
-    By Householder reflections of the stacked matrix [B_free; eps 1]; row q of `work` is its column q.
+    By Householder reflections of the stacked matrix [A_free; eps 1]; row q of `work` is its column q.
     """
-    m = B.shape[0]
+    m = A.shape[1]
     n = 0
     for i in range(m):
         if free[i]:
@@ -161,19 +153,19 @@ def _free_solution(
     rows = n + 6
     q = 0
     for k in range(6):
-        work[n, k] = c[k]
+        work[n, k] = w[k]
     for i in range(m):
         if free[i]:
             for k in range(rows):
                 work[q, k] = 0.0
             for k in range(6):
-                work[q, k] = B[i, k]
+                work[q, k] = A[k, i]
             work[q, 6 + q] = eps
-            work[n, 6 + q] = eps * t_reference[i]
+            work[n, 6 + q] = 0.0
             q += 1
         else:
             for k in range(6):
-                work[n, k] -= B[i, k] * tensions[i]
+                work[n, k] -= A[k, i] * tensions[i]
     for q in range(n):
         squared = 0.0
         for k in range(q, rows):

@@ -19,7 +19,6 @@ from cspr_kinematics.tensions.result import TensionResult
 Method = Literal["minimum_norm", "closest", "centroid", "analytic_center"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
-_EQUAL_WEIGHTS = kernel_input(np.ones(6), 6)
 _MOST_CABLES_WITH_CENTROID = 8
 # Below this many problems a thread costs more than it saves.
 _LEAST_PER_THREAD = 500
@@ -38,8 +37,6 @@ def distribute_tensions(
     t_max: ArrayLike,
     method: Method = "minimum_norm",
     *,
-    reference: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
     threads: int = 1,
 ) -> TensionResult:
     """Return tensions t with A t = w, or as close to it as the method gets.
@@ -47,16 +44,14 @@ def distribute_tensions(
     `minimum_norm`: t = A^+ w (eq. 15), whatever its sign and size; `feasible` tells whether the limits hold.
     The other methods keep t within the limits:
 
-    - `closest`: of all feasible tensions those nearest to the reference; with the default reference of zero,
-      those of least norm, which is A^+ w itself where that is within the limits.
+    - `closest`: of all feasible tensions those of least norm, which is A^+ w itself where that is within the limits.
     - `centroid`: the centre of area of all feasible tensions, far from the limits; for 6 to 8 cables.
     - `analytic_center`: the feasible tensions with the largest product of distances to the limits; for any
       number of cables; smooth along a trajectory, where the others have kinks.
 
-    Where no tensions within the limits give the wrench, these three return the ones of least weighted wrench
-    error, with a direction that proves there are none (`TensionResult.separating_direction`). The two solutions
-    agree at the border of what is feasible, so tensions are continuous along a trajectory that crosses it. Each
-    method takes at most 20 m + 100 steps of its solvers.
+    Where no tensions within the limits give the wrench, these three return the ones of least wrench error, N and N m
+    counting alike. The two solutions agree at the border of what is feasible, so tensions are continuous along a
+    trajectory that crosses it. Each method takes at most 20 m + 100 steps of its solvers.
 
     Parameters
     ----------
@@ -67,12 +62,6 @@ def distribute_tensions(
     t_min, t_max : float or array_like, shape (..., m)
         Limits of the tensions, N.
     method : {"minimum_norm", "closest", "centroid", "analytic_center"}
-    reference : float or array_like, shape (..., m), optional
-        Tensions that `closest` approaches, N. The other bounded methods use it where the wrench is
-        out of reach and the cables still leave a choice.
-    weights : array_like, shape (6,), optional
-        Positive weights of the squared components of the wrench error where the wrench is out of reach;
-        by default N and N m count alike.
     threads : int
         Number of threads among which a batch is divided.
 
@@ -80,8 +69,7 @@ def distribute_tensions(
     ------
     InvalidInputError
         If a value is not finite or has another shape, batch axes do not broadcast, a lower limit is not
-        below its upper one, a weight is not positive, the method is unknown, or `centroid` is requested for
-        more than 8 cables.
+        below its upper one, the method is unknown, or `centroid` is requested for more than 8 cables.
     SingularWrenchMatrixError
         If a wrench matrix is rank-deficient: there are wrenches that no tensions at all can balance.
     """
@@ -102,13 +90,11 @@ def distribute_tensions(
         batch = broadcast_batch(wrench_matrix=batch, wrench=w.shape[:-1])
     shape, n = (*batch, m), math.prod(batch)
     problem = _stacked(A, batch, 6, m), _stacked(w, batch, 6), *_limits(t_min, t_max, shape)
-    preferences = _per_cable("reference", reference, shape), _checked_weights(weights)
-    answer: list[Any] = [np.empty((n, m)), np.empty(n, np.bool_), np.empty(n), np.empty((n, 6)), np.empty(n)]
-    answer += [np.empty((n, m), np.int8), status := np.empty(n, np.int64), np.empty(n, np.int64)]
-    answer += [np.empty((n, 6)), np.empty(n)]
+    answer: list[Any] = [np.empty((n, m)), np.empty(n, np.bool_), np.empty(n), np.empty(n)]
+    answer += [status := np.empty(n, np.int64), np.empty(n, np.int64)]
 
     def work(first: int, after_last: int) -> None:
-        done.append(distribute_batch(code, *problem, *preferences, first, after_last, *answer))
+        done.append(distribute_batch(code, *problem, first, after_last, *answer))
 
     done: list[tuple[int, bool]] = []
     in_chunks(work, n, threads, _LEAST_PER_THREAD)
@@ -119,7 +105,7 @@ def distribute_tensions(
         if singular:
             raise _singular(problem[0], status, batch)
         if not finite:
-            raise InvalidInputError("wrench", w, "with these limits and weights the tensions overflow")
+            raise InvalidInputError("wrench", w, "with these limits the tensions overflow")
     return TensionResult(*[in_batch(array, batch) for array in answer])
 
 
@@ -159,15 +145,6 @@ def _per_cable(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
 @functools.lru_cache(maxsize=32)
 def _same_for_all(value: float, m: int) -> FloatArray:
     return kernel_input(np.full(m, value), 1, m)
-
-
-def _checked_weights(weights: ArrayLike | None) -> FloatArray:
-    if weights is None:
-        return _EQUAL_WEIGHTS
-    array = checked("weights", weights, 6)
-    if array.ndim != 1 or array.min() <= 0.0:
-        raise InvalidInputError("weights", weights, "6 positive numbers are needed")
-    return kernel_input(array, 6)
 
 
 def _singular(A: FloatArray, status: NDArray[np.int64], batch: tuple[int, ...]) -> SingularWrenchMatrixError:

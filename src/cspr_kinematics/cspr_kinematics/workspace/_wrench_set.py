@@ -205,12 +205,10 @@ def grid_batch(
     box_per_kg: FloatArray,
     payload_min: float,
     payload_max: float,
-    first: int,
-    after_last: int,
     margin: FloatArray,
     payload_range: FloatArray,
 ) -> None:
-    """Write margins (n,) and payload ranges (n, 2) of the same task at poses `first` to `after_last` of n.
+    """Write margins (n,) and payload ranges (n, 2) of the same task at n poses.
 
     A (n, 6, m), wrench and wrench_per_kg (n, 6), box and box_per_kg (n, 6, 6), moments divided by the lever.
     A pose at which the cables span no wrench set has the margin -inf.
@@ -221,7 +219,7 @@ def grid_batch(
         span += t_max[i] - t_min[i]
     combinations = m * (m - 1) * (m - 2) * (m - 3) * (m - 4) // 120
     faces = np.empty((2 * combinations, 7))
-    for k in range(first, after_last):
+    for k in range(A.shape[0]):
         count = faces_kernel(A[k], t_min, t_max, faces)
         flat = count == 0
         for face in range(0, count, 2):

@@ -12,12 +12,11 @@ from cspr_kinematics.arrays import (
     BoolArray,
     FloatArray,
     ReadOnlyArrays,
-    checked,
     non_negative_number,
     positive_number,
     single,
 )
-from cspr_kinematics.compiled import in_batch, in_chunks, kernel_input
+from cspr_kinematics.compiled import in_batch, kernel_input
 from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
@@ -25,7 +24,7 @@ from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot.rigid_body import Payload
 from cspr_kinematics.robot.robot import Robot
 from cspr_kinematics.workspace._wrench_set import grid_batch
-from cspr_kinematics.workspace.wrench_set import available_wrenches, tension_limits
+from cspr_kinematics.workspace.wrench_set import tension_limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +103,7 @@ class Feasibility(ReadOnlyArrays):
         return np.asarray(self.margin >= 0.0)
 
 
-def assess_task(
-    robot: Robot, pose: Pose, task: Task | None = None, *, lever: float = 1.0, threads: int = 1
-) -> Feasibility:
+def assess_task(robot: Robot, pose: Pose, task: Task | None = None, *, lever: float = 1.0) -> Feasibility:
     """Return the margin with which `task` is possible at `pose`, and the range of possible payloads.
 
     Parameters
@@ -119,8 +116,6 @@ def assess_task(
         By default, holding the empty platform at rest.
     lever : float
         Length at which a moment counts as a force in the margin, m.
-    threads : int
-        Number of threads among which a batch is divided.
 
     Raises
     ------
@@ -136,7 +131,7 @@ def assess_task(
     wrench, per_kg, box, box_per_kg = _task_wrenches(robot, pose, task)
     low, high = tension_limits(robot.tension_min, robot.tension_max, m)
     margin, payloads = np.empty(count), np.empty((count, 2))
-    problem = (
+    grid_batch(
         kernel_input(A, count, 6, m),
         low,
         high,
@@ -146,62 +141,14 @@ def assess_task(
         kernel_input(box_per_kg * moment_scale, count, 6, 6),
         task.payload_min,
         task.payload_max,
+        margin,
+        payloads,
     )
-
-    def work(first: int, after_last: int) -> None:
-        grid_batch(*problem, first, after_last, margin, payloads)
-
-    in_chunks(work, count, threads)
     smallest, largest = np.maximum(payloads[:, 0], 0.0), payloads[:, 1]
     none = ~(largest >= 0.0)
     smallest[none] = np.nan
     largest = np.where(none, np.nan, largest)
     return Feasibility(*(in_batch(array, batch) for array in (margin, smallest, largest)))
-
-
-def largest_acceleration(
-    robot: Robot, pose: Pose, direction: ArrayLike, payload: Payload | None = None
-) -> float:
-    """Return the largest acceleration from rest along `direction` that the cables can give at a pose.
-
-    Parameters
-    ----------
-    robot : Robot
-    pose : Pose
-        A single pose.
-    direction : array_like, shape (6,)
-        Direction of linear and angular acceleration in base axes. The result is a multiple of it: in
-        m/s^2 upwards for (0, 0, 1, 0, 0, 0), in rad/s^2 about z for (0, 0, 0, 0, 0, 1).
-    payload : Payload, optional
-        Carried in addition to the platform.
-
-    Returns
-    -------
-    float
-        NaN if the platform cannot even be held at rest.
-
-    Raises
-    ------
-    InvalidInputError
-        If the direction is zero, not finite or has another shape, or the pose is a batch.
-    SingularWrenchMatrixError
-        If the wrench matrix is rank-deficient.
-    """
-    d = checked("direction", direction, 6)
-    if d.ndim != 1 or not d.any():
-        raise InvalidInputError("direction", direction, "6 numbers that are not all zero are needed")
-    if pose.batch_shape:
-        raise InvalidInputError("pose", pose.position, "a single pose is needed, not a batch")
-    A = inverse_kinematics(robot, pose).wrench_matrix
-    reach = available_wrenches(A, robot.tension_min, robot.tension_max)
-    rest = static_wrench(robot, pose, payload)
-    moving = required_wrench(robot, pose, Twist.zero(), Acceleration(d[:3], d[3:]), payload)
-    room = reach.offsets - reach.normals @ rest
-    if room.min() < 0.0:
-        return math.nan
-    slope = reach.normals @ (moving - rest)
-    outwards = slope > 0.0
-    return float((room[outwards] / slope[outwards]).min())
 
 
 def _task_wrenches(

@@ -21,7 +21,6 @@ from cspr_kinematics.arrays import (
     checked,
     for_each_cable,
     frozen,
-    positive_number,
 )
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
@@ -36,22 +35,19 @@ class WrenchSet(ReadOnlyArrays):
     Attributes
     ----------
     normals : numpy.ndarray, shape (f, 6)
-        Outward directions, of unit length when moments are divided by `lever`: the first three elements
-        multiply a force, the last three a moment.
+        Outward directions, of unit length when moments are divided by a lever of 1 m: the first three elements multiply
+        a force, the last three a moment.
     offsets : numpy.ndarray, shape (f,)
         Largest value of normals @ wrench within reach, N.
-    lever : float
-        Length at which a moment counts as a force, m.
     """
 
     normals: FloatArray
     offsets: FloatArray
-    lever: float
 
     def margin(self, wrench: ArrayLike) -> FloatArray:
         """Return how far wrenches (..., 6) lie inside, shape (...), N.
 
-        Inside, the length of the shortest additional wrench, moments divided by the lever, that takes the
+        Inside, the length of the shortest additional wrench, moments divided by a lever of 1 m, that takes the
         wrench to the border (the capacity margin of Ruiz, Caro, Cardou, Guay, CableCon 2014). Outside it is
         negative, and the distance to the set is at least its absolute value.
 
@@ -64,9 +60,7 @@ class WrenchSet(ReadOnlyArrays):
         return np.asarray((self.offsets - w @ self.normals.T).min(axis=-1))
 
 
-def available_wrenches(
-    wrench_matrix: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, *, lever: float = 1.0
-) -> WrenchSet:
+def available_wrenches(wrench_matrix: ArrayLike, t_min: ArrayLike, t_max: ArrayLike) -> WrenchSet:
     """Return the wrenches that the cables can supply at one pose.
 
     Parameters
@@ -75,14 +69,11 @@ def available_wrenches(
         A.
     t_min, t_max : float or array_like, shape (m,)
         Limits of the tensions, N.
-    lever : float
-        Length at which a moment counts as a force in distances, m.
 
     Raises
     ------
     InvalidInputError
-        If a value is not finite or has another shape, a lower limit is not below its upper one, or the lever
-        is not positive.
+        If a value is not finite or has another shape, or a lower limit is not below its upper one.
     SingularWrenchMatrixError
         If the wrench matrix is rank-deficient: the wrenches within reach do not span all six dimensions.
     """
@@ -93,18 +84,14 @@ def available_wrenches(
         )
     m = A.shape[1]
     low, high = tension_limits(t_min, t_max, m)
-    length = positive_number("lever", lever)
     faces = np.empty((2 * comb(m, 5), 7))
-    scaled = A / np.array([1.0, 1.0, 1.0, length, length, length])[:, None]
-    singular_values = np.linalg.svd(scaled, compute_uv=False)
+    singular_values: FloatArray = np.asarray(np.linalg.svd(A, compute_uv=False), dtype=np.float64)
     if singular_values[-1] <= RANK_TOLERANCE * singular_values[0]:
         raise SingularWrenchMatrixError(
             "the wrenches within reach do not span all six dimensions", A, singular_values
         )
-    count = faces_kernel(kernel_input(scaled, 6, m), low, high, faces)
-    normals = faces[:count, :6].copy()
-    normals[:, 3:] /= length
-    return WrenchSet(frozen(normals), frozen(faces[:count, 6]), length)
+    count = faces_kernel(kernel_input(A, 6, m), low, high, faces)
+    return WrenchSet(frozen(faces[:count, :6]), frozen(faces[:count, 6]))
 
 
 def tension_limits(t_min: ArrayLike, t_max: ArrayLike, m: int) -> tuple[FloatArray, FloatArray]:

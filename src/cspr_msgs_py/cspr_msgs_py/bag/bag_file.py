@@ -19,8 +19,6 @@ from cspr_msgs_py.bag.mcap_writer import Compression, McapWriter
 from cspr_msgs_py.bag.metadata import METADATA_FILE, FileSummary, RecordedTopic, bag_information, dump
 from cspr_msgs_py.errors import BagError
 
-__all__ = ["DROPPED", "LOST", "RECORDING", "Attachment", "BagFile", "Compression", "Split"]
-
 RECORDING: Final = "recording"  # name of the metadata record about the recording itself
 DROPPED: Final = "dropped"  # ... of messages that came and could not be written, by topic
 LOST: Final = "lost"  # ... of messages that did not come, by topic
@@ -51,14 +49,6 @@ class Attachment:
             raise BagError(f"cannot attach {os.fspath(path)}: {error.strerror}") from error
 
 
-@dataclass(frozen=True)
-class Split:
-    """When a bag continues in a new file: at this size (bytes) or duration (ns) of a file; 0 for never."""
-
-    size: int = 0
-    duration: int = 0
-
-
 class BagFile:
     """A bag being written.
 
@@ -74,8 +64,9 @@ class BagFile:
     compression : Compression
     start_ns : int
         Time stamp of the attachments.
-    split : Split
-        When to continue in a new file; checked whenever a chunk ends.
+    split_size, split_duration : int
+        Size (bytes) and duration (ns) of a file at which to continue in a new one; checked whenever a chunk ends. 0 for
+        never.
 
     Raises
     ------
@@ -90,14 +81,15 @@ class BagFile:
         attachments: Sequence[Attachment] = (),
         compression: Compression = Compression.ZSTD,
         start_ns: int = 0,
-        split: Split | None = None,
+        split_size: int = 0,
+        split_duration: int = 0,
     ) -> None:
         self.directory = Path(directory)
         self._information = dict(information)
         self._attachments = tuple(attachments)
         self._compression = compression
         self._start_ns = start_ns
-        self._split = split or Split()
+        self._split_size, self._split_duration = split_size, split_duration
         self._topics: list[RecordedTopic] = []
         self._files: list[FileSummary] = []
         self._counts: Counter[int] = Counter()  # messages by channel in the files that are finished
@@ -112,9 +104,10 @@ class BagFile:
             raise BagError(f"cannot create bag {self.directory}: {error.strerror}") from error
         self._stream: FileIO | None = None
         try:
-            self._set_space_aside()
+            with self._reserve.open("wb") as reserve:
+                os.posix_fallocate(reserve.fileno(), 0, _RESERVE)
             self._open()
-            self._write_metadata()
+            self.write_metadata()
         except OSError as error:
             self.abandon()
             shutil.rmtree(self.directory, ignore_errors=True)  # it is empty, and would be in the way
@@ -175,9 +168,9 @@ class BagFile:
         assert self._stream is not None
         self._writer.end_chunk()
         os.fdatasync(self._stream.fileno())
-        limit, writer = self._split, self._writer
+        size, duration, writer = self._split_size, self._split_duration, self._writer
         lasted = writer.end - writer.start if writer.end is not None and writer.start is not None else 0
-        if (limit.size and writer.size >= limit.size) or (limit.duration and lasted >= limit.duration):
+        if (size and writer.size >= size) or (duration and lasted >= duration):
             self.split()
 
     def split(self) -> None:
@@ -194,18 +187,7 @@ class BagFile:
         self._counts = finished
         for topic in self._topics:
             self._declare(topic)
-        self._write_metadata()
-
-    def update_metadata(self) -> None:
-        """Write ``metadata.yaml`` as the bag is now, for readers of a recording that is still running or was killed.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
-        self._note()
-        self._write_metadata()
+        self.write_metadata()
 
     def close(self, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
         """Finish the file and write ``metadata.yaml``.
@@ -224,7 +206,7 @@ class BagFile:
             self._information |= {f"{name} {key}": value for key, value in values.items()}
         if self._stream is not None:
             self._finish(notes or {})
-        self._write_metadata()
+        self.write_metadata()
         self._reserve.unlink(missing_ok=True)
 
     def give_up_chunk(self) -> Counter[int]:
@@ -276,7 +258,6 @@ class BagFile:
     def _finish(self, notes: Mapping[str, Mapping[str, str]]) -> None:
         assert self._stream is not None
         self._writer.end_chunk()
-        self._note()
         for name, values in notes.items():
             self._writer.add_metadata(name, values)
         self._writer.add_metadata("rosbag2", {"serialized_metadata": dump(self._metadata())})
@@ -285,19 +266,19 @@ class BagFile:
         self._stream.close()
         self._stream = None
 
-    def _note(self) -> None:
-        """Bring the list of files up to date."""
+    def _metadata(self) -> dict[str, object]:
         file, writer = self._files[-1], self._writer
         file.start, file.end, file.count = writer.start, writer.end, writer.counts.total()
-
-    def _metadata(self) -> dict[str, object]:
         return bag_information(self._files, self._topics, self.counts, self._information)
 
-    def _write_metadata(self) -> None:
+    def write_metadata(self) -> None:
+        """Write ``metadata.yaml`` as the bag is now, for readers of a recording that is still running or was killed.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
         temporary = self.directory / f".{METADATA_FILE}"
         temporary.write_text(dump({"rosbag2_bagfile_information": self._metadata()}))
         temporary.replace(self.directory / METADATA_FILE)
-
-    def _set_space_aside(self) -> None:
-        with self._reserve.open("wb") as stream:
-            os.posix_fallocate(stream.fileno(), 0, _RESERVE)

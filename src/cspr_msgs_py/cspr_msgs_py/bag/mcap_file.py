@@ -6,6 +6,7 @@ little longer, and reads both kinds of file the same way. Source: the MCAP speci
 "Records".
 """
 
+import math
 import mmap
 import struct
 import tempfile
@@ -29,9 +30,8 @@ from numpy.typing import NDArray
 
 from cspr_msgs_py.bag.mcap_writer import MAGIC
 from cspr_msgs_py.bag.message_block import MessageBlock, message_offsets, walk
+from cspr_msgs_py.bag.metadata import COMPRESSED_SUFFIX
 from cspr_msgs_py.errors import BagError, BagWarning
-
-COMPRESSED_SUFFIX: Final = ".zstd"  # of a file that rosbag2 compressed as a whole
 
 _RECORD: Final = struct.Struct("<BQ")  # opcode and length in front of every record
 _INDEX: Final = struct.Struct("<HI")  # channel and size in bytes of the list of a message index
@@ -137,33 +137,37 @@ class McapFile:
         return counts
 
     def blocks(
-        self, channels: Collection[int], start_ns: int | None = None, end_ns: int | None = None
+        self, channels: Collection[int], start_ns: float = -math.inf, end_ns: float = math.inf
     ) -> Iterator[MessageBlock]:
-        """Yield the messages of some channels whose log time t is start_ns <= t < end_ns, in file order.
-
-        The messages of a damaged chunk are skipped, with a warning.
-        """
+        """Yield what `block` finds in each region, in file order."""
         for region in self.regions:
-            if (end_ns is None or region.start < end_ns) and (start_ns is None or region.end >= start_ns):
-                block = self.block(region, channels)
-                if start_ns is not None and region.start < start_ns:
-                    block = block.selected(block.log_times >= start_ns)
-                if end_ns is not None and region.end >= end_ns:
-                    block = block.selected(block.log_times < end_ns)
-                if len(block):
-                    yield block
+            block = self.block(region, channels, start_ns, end_ns)
+            if len(block):
+                yield block
 
-    def block(self, region: Region, channels: Collection[int]) -> MessageBlock:
-        """Return the messages of some channels in a region; none, with a warning, if it is damaged."""
-        if region.damaged or not any(region.counts[channel] for channel in channels):
+    def block(
+        self,
+        region: Region,
+        channels: Collection[int],
+        start_ns: float = -math.inf,
+        end_ns: float = math.inf,
+    ) -> MessageBlock:
+        """Return the messages of some channels in a region whose log time t is start_ns <= t < end_ns.
+
+        None, with a warning, if the region is damaged.
+        """
+        outside = region.start >= end_ns or region.end < start_ns
+        if outside or region.damaged or not any(region.counts[channel] for channel in channels):
             return _NOTHING
         try:
             records = self.contents(region)
-            block = self._indexed(region, records, channels)
-            return block or MessageBlock(records, message_offsets(records, channels))
+            indexed = self._indexed(region, records, channels)
+            block = indexed or MessageBlock(records, message_offsets(records, channels))
         except ValueError as error:
             self._miss(region, error)
             return _NOTHING
+        times = block.log_times
+        return block.selected((times >= start_ns) & (times < end_ns))
 
     def _indexed(
         self, region: Region, records: NDArray[np.uint8], channels: Collection[int]
@@ -236,7 +240,9 @@ class McapFile:
                 with suppress(Exception):  # a damaged one; who needs it will miss it by name
                     self._take(opcode, data[content:end])
             elif opcode == Opcode.DATA_END:
-                self._count_unindexed()
+                for region in self.regions:  # chunks that were written without an index
+                    if not region.counts:
+                        self._count(region)
             offset = end
 
     def _next_chunk(self, offset: int) -> int | None:
@@ -270,12 +276,6 @@ class McapFile:
         elif opcode == Opcode.METADATA:
             metadata = Metadata.read(stream)
             self.metadata[metadata.name] = metadata.metadata
-
-    def _count_unindexed(self) -> None:
-        """Count the messages of chunks that were written without an index."""
-        for region in self.regions:
-            if not region.counts:
-                self._count(region)
 
     def _index_contents(self) -> None:
         """Collect channels and counts from inside the chunks where the file's own lists are missing."""

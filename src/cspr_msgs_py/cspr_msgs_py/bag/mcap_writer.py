@@ -72,7 +72,12 @@ class McapWriter:
         self._stream = stream
         self._offset = 0
         self._name = "" if compression is Compression.NONE else compression.value
-        self._compress = _compressor(compression)
+        compressors: dict[Compression, Callable[[bytes], bytes]] = {
+            Compression.NONE: bytes,
+            Compression.LZ4: lz4.frame.compress,
+            Compression.ZSTD: zstandard.ZstdCompressor().compress,
+        }
+        self._compress = compressors[compression]
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunk_indexes = bytearray()  # as they will stand in the summary: many, so packed
@@ -244,15 +249,6 @@ class McapWriter:
         while rest:
             rest = rest[self._stream.write(rest) or 0 :]
         self._offset += len(data)
-
-
-def _compressor(compression: Compression) -> Callable[[bytes], bytes]:
-    if compression is Compression.ZSTD:
-        return zstandard.ZstdCompressor().compress
-    if compression is Compression.LZ4:
-        compress: Callable[[bytes], bytes] = lz4.frame.compress
-        return compress
-    return bytes
 
 
 def _bytes(record: McapRecord) -> bytes:

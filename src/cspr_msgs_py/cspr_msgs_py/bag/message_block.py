@@ -95,25 +95,15 @@ class MessageBlock:
         return sizes
 
     @property
-    def channels(self) -> NDArray[np.int64]:
-        """Channel of each message, shape (n,)."""
-        return self._heads["channel"].astype(np.int64)
-
-    @property
     def log_times(self) -> NDArray[np.int64]:
         """When each message was received, ns, shape (n,)."""
         return self._heads["log_time"].astype(np.int64)
-
-    @property
-    def publish_times(self) -> NDArray[np.int64]:
-        """When each message was published, ns, shape (n,)."""
-        return self._heads["publish_time"].astype(np.int64)
 
     def only_of(self, channels: Collection[int]) -> bool:
         """Return whether all messages are of these channels."""
         if self.uniform_size is not None:
             return int(self._heads["channel"][0]) in channels
-        return bool(np.isin(self.channels, list(channels)).all())
+        return bool(np.isin(self._heads["channel"], list(channels)).all())
 
     def __len__(self) -> int:
         return len(self._offsets)

@@ -5,13 +5,16 @@ The layout is that of metadata version 9, which ROS 2 Jazzy writes and every lat
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, Final
 
 import yaml
 
+from cspr_msgs_py.errors import BagError
 from cspr_msgs_py.wire.cdr import NANOSECONDS
 
 METADATA_FILE: Final = "metadata.yaml"
+COMPRESSED_SUFFIX: Final = ".zstd"  # of a file that rosbag2 compressed as a whole
 VERSION: Final = 9
 ROS_DISTRO: Final = "jazzy"
 
@@ -204,3 +207,51 @@ def dump(content: object) -> str:
         content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=False
     )
     return text
+
+
+def find_files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
+    """Return the files of a bag in the order of time, whether each message is compressed, and announced counts."""
+    if not path.exists():
+        raise BagError(f"there is no bag {path}")
+    if not path.is_dir():
+        return [path], False, {}
+    names: list[Path] = []
+    mode = ""
+    counts: dict[str, int] = {}
+    try:
+        content = yaml.safe_load((path / METADATA_FILE).read_text())
+        information = content["rosbag2_bagfile_information"]
+        if information["storage_identifier"] != "mcap":
+            raise BagError(
+                f"{path} is a bag in {information['storage_identifier']} and not in mcap: convert it with "
+                "`ros2 bag convert`"
+            )
+        names = [path / Path(name).name for name in information["relative_file_paths"]]
+        mode = str(information.get("compression_mode", "")).lower()
+        for topic in information["topics_with_message_count"]:
+            counts[topic["topic_metadata"]["name"]] = int(topic["message_count"])
+    except FileNotFoundError:  # left by a recording that was cut off at its very start
+        pass
+    except KeyError as error:
+        raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: it lacks {error}") from error
+    except (OSError, yaml.YAMLError, TypeError, ValueError) as error:
+        raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: {error}") from error
+    if mode == "file":  # depending on its version rosbag2 lists the files without what compression appends
+        names = [_compressed(name) for name in names]
+    # a recording that was killed has files which its metadata do not name yet
+    named = {name.name for name in names}
+    names += [file for file in sorted(path.glob("*.mcap"), key=_number) if file.name not in named]
+    if not names:
+        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file")
+    return names, mode == "message", counts
+
+
+def _compressed(name: Path) -> Path:
+    appended = name.with_name(name.name + COMPRESSED_SUFFIX)
+    return appended if not name.exists() and appended.exists() else name
+
+
+def _number(path: Path) -> tuple[int, str]:
+    """Order files by the number at the end of their names: 2 before 10."""
+    digits = path.stem.rpartition("_")[2]
+    return (int(digits) if digits.isdigit() else 0, path.name)

@@ -9,67 +9,46 @@
 """
 
 import heapq
+import math
 import os
 import struct
 import warnings
 from collections import Counter
 from collections.abc import Collection, Iterator
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
-import yaml
 import zstandard
 from mcap.exceptions import McapError
 from mcap.records import Channel
 from mcap_ros2.decoder import DecoderFactory
 
-from cspr_msgs_py.bag import columns as bag_columns
-from cspr_msgs_py.bag.columns import (
-    Decode,
-    Inertias,
-    JointStates,
-    Messages,
-    Poses,
-    References,
-    Samples,
-    Times,
-)
-from cspr_msgs_py.bag.mcap_file import COMPRESSED_SUFFIX, McapFile
+from cspr_msgs_py.bag import collecting
+from cspr_msgs_py.bag.collecting import Decode
+from cspr_msgs_py.bag.columns import Inertias, JointStates, Poses, References, Samples
+from cspr_msgs_py.bag.mcap_file import McapFile
 from cspr_msgs_py.bag.message_block import MessageBlock
-from cspr_msgs_py.bag.metadata import METADATA_FILE, OfferedQos, parse_offered_qos
+from cspr_msgs_py.bag.metadata import OfferedQos, find_files, parse_offered_qos
 from cspr_msgs_py.errors import BagError, BagWarning
 from cspr_msgs_py.topics import INERTIA_STAMPED, JOINT_STATE, MULTI_DOF_TRAJECTORY, POSE_STAMPED, REFERENCE
 from cspr_msgs_py.wire.cdr import NANOSECONDS
 
-__all__ = [
-    "Bag",
-    "BagWarning",
-    "Inertias",
-    "JointStates",
-    "Message",
-    "Messages",
-    "Poses",
-    "References",
-    "Samples",
-    "Times",
-]
-
 _Columns = TypeVar("_Columns", bound=Samples)
 
 _READERS = {
-    JOINT_STATE: bag_columns.joint_states,
-    MULTI_DOF_TRAJECTORY: bag_columns.references,
-    POSE_STAMPED: bag_columns.poses,
-    INERTIA_STAMPED: bag_columns.inertias,
+    JOINT_STATE: collecting.joint_states,
+    MULTI_DOF_TRAJECTORY: collecting.references,
+    POSE_STAMPED: collecting.poses,
+    INERTIA_STAMPED: collecting.inertias,
 }
 
 
 class Message(NamedTuple):
-    """One recorded message: log and publish time in ns, topic, CDR bytes."""
+    """One recorded message: log time in ns, topic, CDR bytes."""
 
     log_time_ns: int
-    publish_time_ns: int
     topic: str
     data: bytes
 
@@ -96,6 +75,10 @@ class Bag:
     announced_counts : dict of str to int
         Messages of each topic by ``metadata.yaml``: more than there are in a damaged bag, fewer in one whose
         recorder was killed or still runs; empty without that file.
+    files : list of McapFile
+        Those that can be read, in the order in which they were written.
+    complete : bool
+        Whether the recording was finished properly and all of its files are there.
 
     Raises
     ------
@@ -106,19 +89,19 @@ class Bag:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = find_bag(path)
-        self._files: list[McapFile] = []
-        paths, self._each_compressed, self.announced_counts = _files(self.path)
+        self.files: list[McapFile] = []
+        paths, self._each_compressed, self.announced_counts = find_files(self.path)
         problems: list[BagError] = []
         for file in paths:
             try:
-                self._files.append(McapFile(file))
+                self.files.append(McapFile(file))
             except BagError as error:
                 problems.append(error)
-        if not self._files:
+        if not self.files:
             raise problems[0] if problems else BagError(f"{self.path} has no files")
-        for text in (*map(str, problems), *(file.damage for file in self._files if file.damage)):
+        for text in (*map(str, problems), *(file.damage for file in self.files if file.damage)):
             warnings.warn(text, BagWarning, stacklevel=2)
-        self._complete = not problems and not any(file.damage for file in self._files)
+        self.complete = not problems and not any(file.damage for file in self.files)
 
     def __enter__(self) -> "Bag":
         return self
@@ -130,25 +113,15 @@ class Bag:
 
     def close(self) -> None:
         """Close the files."""
-        for file in self._files:
+        for file in self.files:
             file.close()
-
-    @property
-    def files(self) -> list[McapFile]:
-        """The files of the bag that can be read, in the order in which they were written."""
-        return list(self._files)
-
-    @property
-    def complete(self) -> bool:
-        """Whether the recording was finished properly and all of its files are there."""
-        return self._complete
 
     @property
     def topics(self) -> dict[str, str]:
         """Message type of each topic."""
         return {
             channel.topic: file.schemas[channel.schema_id].name if channel.schema_id in file.schemas else ""
-            for file in self._files
+            for file in self.files
             for channel in file.channels.values()
         }
 
@@ -156,7 +129,7 @@ class Bag:
     def counts(self) -> dict[str, int]:
         """Number of messages of each topic."""
         counts = Counter(dict.fromkeys(self.topics, 0))
-        for file in self._files:
+        for file in self.files:
             for channel, number in file.counts.items():
                 if channel in file.channels:
                     counts[file.channels[channel].topic] += number
@@ -165,22 +138,22 @@ class Bag:
     @property
     def start_ns(self) -> int:
         """Log time of the first message, ns; 0 for a bag without any."""
-        return min((region.start for file in self._files for region in file.regions), default=0)
+        return min((region.start for file in self.files for region in file.regions), default=0)
 
     @property
     def end_ns(self) -> int:
         """Log time of the last message, ns; 0 for a bag without any."""
-        return max((region.end for file in self._files for region in file.regions), default=0)
+        return max((region.end for file in self.files for region in file.regions), default=0)
 
     @property
     def attachments(self) -> dict[str, bytes]:
         """The files inside the bag by name, such as the configuration that was in use."""
-        return {name: data for file in self._files for name, data in file.attachments.items()}
+        return {name: data for file in self.files for name, data in file.attachments.items()}
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records by name; ``recording`` says how the bag was made."""
-        return {name: record for file in self._files for name, record in file.metadata.items()}
+        return {name: record for file in self.files for name, record in file.metadata.items()}
 
     def offered_qos(self, topic: str) -> tuple[OfferedQos, ...]:
         """Return what the publishers of a topic offered; empty if the bag does not say."""
@@ -215,8 +188,8 @@ class Bag:
         """
         self._require(topic)
         kind = self.topics[topic]
-        reader = _READERS.get(kind, bag_columns.messages)
-        blocks = self._blocks(topic, self._absolute(start), self._absolute(end))
+        reader = _READERS.get(kind, collecting.messages)
+        blocks = self._blocks(topic, self._absolute(start, -math.inf), self._absolute(end, math.inf))
         try:
             samples: Samples = reader(blocks, self.counts[topic], self.start_ns, self._decoder(topic))
         except (ValueError, IndexError, AttributeError, struct.error, McapError) as error:
@@ -252,10 +225,10 @@ class Bag:
         """
         self._require(topic)
         for block in self._blocks(topic):
-            yield from zip(block.log_times.tolist(), block.publish_times.tolist(), block, strict=True)
+            yield from (message[2:] for message in block.messages())
 
     def in_order(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+        self, topics: Collection[str] | None = None, start_ns: float = -math.inf, end_ns: float = math.inf
     ) -> Iterator[Message]:
         """Yield the messages of some topics, or all, by log time.
 
@@ -274,22 +247,17 @@ class Bag:
         wanted = set(self.topics if topics is None else topics)
         for topic in wanted:
             self._require(topic)
-        regions = [(file, region) for file in self._files for region in file.regions]
+        regions = [(file, region) for file in self.files for region in file.regions]
         waiting: list[tuple[int, int, Message]] = []
         counter = 0
         for file, region in sorted(regions, key=lambda entry: entry[1].start):
-            begin = region.start
-            while waiting and waiting[0][0] < begin:  # nothing earlier can come any more
+            while waiting and waiting[0][0] < region.start:  # nothing earlier can come any more
                 yield heapq.heappop(waiting)[2]
-            if (start_ns is not None and region.end < start_ns) or (end_ns is not None and begin >= end_ns):
-                continue
             names = {key: channel.topic for key, channel in file.channels.items() if channel.topic in wanted}
-            block = self.uncompressed(file.block(region, names))
-            for channel, _, log_time, publish_time, data in block.messages():
-                if (start_ns is None or log_time >= start_ns) and (end_ns is None or log_time < end_ns):
-                    message = Message(log_time, publish_time, names[channel], data)
-                    heapq.heappush(waiting, (log_time, counter, message))
-                    counter += 1
+            block = self.uncompressed(file.block(region, names, start_ns, end_ns))
+            for channel, _, log_time, _, data in block.messages():
+                heapq.heappush(waiting, (log_time, counter, Message(log_time, names[channel], data)))
+                counter += 1
         while waiting:
             yield heapq.heappop(waiting)[2]
 
@@ -300,13 +268,13 @@ class Bag:
         columns: _Columns = self.read(topic)
         return columns
 
-    def _absolute(self, seconds: float | None) -> int | None:
-        return None if seconds is None else self.start_ns + round(seconds * NANOSECONDS)
+    def _absolute(self, seconds: float | None, otherwise: float) -> float:
+        return otherwise if seconds is None else self.start_ns + round(seconds * NANOSECONDS)
 
     def _blocks(
-        self, topic: str, start_ns: int | None = None, end_ns: int | None = None
+        self, topic: str, start_ns: float = -math.inf, end_ns: float = math.inf
     ) -> Iterator[MessageBlock]:
-        for file in self._files:
+        for file in self.files:
             channels = {channel.id for channel in file.channels.values() if channel.topic == topic}
             for block in file.blocks(channels, start_ns, end_ns):
                 yield self.uncompressed(block)
@@ -325,24 +293,22 @@ class Bag:
         """Return a decoder of a topic's messages, which reads the definition in the bag on its first use."""
         file, channel = next(self._channels(topic))
         schema = file.schemas.get(channel.schema_id)
-        found: list[Decode] = []
 
-        def decode(data: bytes) -> Any:
-            if not found:
-                decoder = DecoderFactory().decoder_for(channel.message_encoding, schema)
-                if decoder is None or schema is None or not schema.data:
-                    raise BagError(
-                        f"{self.path}: messages on {topic} cannot be decoded, their definition is "
-                        + (f"in {schema.encoding!r}" if schema and schema.data else "missing")
-                        + "; Bag.messages() gives their bytes"
-                    )
-                found.append(decoder)
-            return found[0](data)
+        @cache
+        def decoder() -> Decode:
+            found: Decode | None = DecoderFactory().decoder_for(channel.message_encoding, schema)
+            if found is None or schema is None or not schema.data:
+                raise BagError(
+                    f"{self.path}: messages on {topic} cannot be decoded, their definition is "
+                    + (f"in {schema.encoding!r}" if schema and schema.data else "missing")
+                    + "; Bag.messages() gives their bytes"
+                )
+            return found
 
-        return decode
+        return lambda data: decoder()(data)
 
     def _channels(self, topic: str) -> Iterator[tuple[McapFile, Channel]]:
-        for file in self._files:
+        for file in self.files:
             yield from ((file, channel) for channel in file.channels.values() if channel.topic == topic)
 
     def _require(self, topic: str) -> None:
@@ -351,51 +317,3 @@ class Bag:
             raise BagError(
                 f"{self.path} has no topic {topic}; it has {', '.join(sorted(topics)) or 'none at all'}"
             )
-
-
-def _files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
-    """Return the files of a bag in the order of time, whether each message is compressed, and announced counts."""
-    if not path.exists():
-        raise BagError(f"there is no bag {path}")
-    if not path.is_dir():
-        return [path], False, {}
-    names: list[Path] = []
-    mode = ""
-    counts: dict[str, int] = {}
-    try:
-        content = yaml.safe_load((path / METADATA_FILE).read_text())
-        information = content["rosbag2_bagfile_information"]
-        if information["storage_identifier"] != "mcap":
-            raise BagError(
-                f"{path} is a bag in {information['storage_identifier']} and not in mcap: convert it with "
-                "`ros2 bag convert`"
-            )
-        names = [path / Path(name).name for name in information["relative_file_paths"]]
-        mode = str(information.get("compression_mode", "")).lower()
-        for topic in information["topics_with_message_count"]:
-            counts[topic["topic_metadata"]["name"]] = int(topic["message_count"])
-    except FileNotFoundError:  # left by a recording that was cut off at its very start
-        pass
-    except KeyError as error:
-        raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: it lacks {error}") from error
-    except (OSError, yaml.YAMLError, TypeError, ValueError) as error:
-        raise BagError(f"{path / METADATA_FILE} is not the metadata of a bag: {error}") from error
-    if mode == "file":  # depending on its version rosbag2 lists the files without what compression appends
-        names = [_compressed(name) for name in names]
-    # a recording that was killed has files which its metadata do not name yet
-    named = {name.name for name in names}
-    names += [file for file in sorted(path.glob("*.mcap"), key=_number) if file.name not in named]
-    if not names:
-        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file")
-    return names, mode == "message", counts
-
-
-def _compressed(name: Path) -> Path:
-    appended = name.with_name(name.name + COMPRESSED_SUFFIX)
-    return appended if not name.exists() and appended.exists() else name
-
-
-def _number(path: Path) -> tuple[int, str]:
-    """Order files by the number at the end of their names: 2 before 10."""
-    digits = path.stem.rpartition("_")[2]
-    return (int(digits) if digits.isdigit() else 0, path.name)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cspr_msgs_py.bag.bag_file import RECORDING, Attachment, BagFile, Compression
+from cspr_msgs_py.bag.bag_file import RECORDING, Attachment, BagFile
 from cspr_msgs_py.bag.mcap_file import McapFile
 from cspr_msgs_py.bag.metadata import RecordedTopic, parse_offered_qos
 from cspr_msgs_py.bag.reader import Bag
@@ -70,7 +70,8 @@ def recover(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", BagWarning)
         with Bag(source) as bag:
-            copy = _begin(bag, output)
+            attachments = [Attachment(name, data) for name, data in bag.attachments.items()]
+            copy = BagFile(output, bag.metadata.get(RECORDING, {}), attachments, start_ns=bag.start_ns)
             try:
                 _copy(bag, copy, progress)
                 losses = tuple(
@@ -93,16 +94,6 @@ def _missing(bag: Bag, recovered: dict[str, int]) -> dict[str, int]:
     for topic, number in bag.announced_counts.items():
         missing[topic] = max(missing[topic], number - recovered.get(topic, 0))
     return {topic: number for topic, number in missing.items() if number}
-
-
-def _begin(bag: Bag, output: str | os.PathLike[str]) -> BagFile:
-    return BagFile(
-        output,
-        bag.metadata.get(RECORDING, {}),
-        [Attachment(name, data) for name, data in bag.attachments.items()],
-        Compression.ZSTD,
-        start_ns=bag.start_ns,
-    )
 
 
 def _copy(bag: Bag, copy: BagFile, progress: Callable[[float], None]) -> None:

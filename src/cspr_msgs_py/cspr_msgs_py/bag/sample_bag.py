@@ -33,7 +33,12 @@ class SampleBag:
     def write(self, topic: Topic, time_ns: int, sample: Any) -> None:
         """Write a record, published and received at a time."""
         if topic.name not in self._topics:
-            qos = OfferedQos("keep_last", topic.depth, topic.reliability.value, topic.durability.value)
+            qos = OfferedQos(
+                "keep_last",
+                topic.depth,
+                "reliable" if topic.reliable else "best_effort",
+                "transient_local" if topic.latched else "volatile",
+            )
             definition, type_hash = self._definition(topic.type), message_type_hash(topic.type)
             recorded = RecordedTopic(topic.name, topic.type, definition, (qos,), type_hash)
             encode = topic_codec(topic, self._number_of_motors).encode

@@ -143,7 +143,7 @@ class BagWriter:
             self._bag.add_topic(topic)
             self._registered += 1
         if new:
-            self._bag.update_metadata()
+            self._bag.write_metadata()
 
     def _drain(self) -> None:
         """Write what is queued now; what arrives meanwhile waits for the next turn."""

@@ -15,7 +15,8 @@ from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from cspr_msgs_py.bag.bag_file import LOST, Attachment, BagFile, Compression, Split
+from cspr_msgs_py.bag.bag_file import LOST, Attachment, BagFile
+from cspr_msgs_py.bag.mcap_writer import Compression
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.bag.writer import BagWriter
@@ -23,7 +24,7 @@ from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.message_definitions import message_definition
 from cspr_msgs_py.qos import compatible_profile, offered_qos, qos_profile
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import Diagnostics, advertise, run_nodes, sample_publisher, steady_timer
+from cspr_msgs_py.runtime.process import advertise, report_health, run_nodes, sample_publisher, steady_timer
 from cspr_msgs_py.runtime.recorder_intake import Intake
 from cspr_msgs_py.runtime.scheduling import set_background
 from cspr_msgs_py.topics import EVENTS, RECORDER_STATE, graph_topics
@@ -76,10 +77,8 @@ class Recorder(Node):
             if not self._recorded or name in self._recorded:
                 self._intake.subscribe(name, topic.type, qos_profile(topic), topic.latched)
         self._look_for_topics()
-        self._recording_timers = (
-            steady_timer(self, GRAPH_PERIOD, self._look_for_topics),
-            steady_timer(self, _POLL_PERIOD, self._intake.poll),
-        )
+        steady_timer(self, GRAPH_PERIOD, self._look_for_topics)
+        steady_timer(self, _POLL_PERIOD, self._intake.poll)
         for name, action in (
             ("pause", self._pause),
             ("resume", self._resume),
@@ -88,7 +87,7 @@ class Recorder(Node):
         ):
             self.create_service(Trigger, f"~/{name}", _answer(action))
         self._send_state = sample_publisher(self, RECORDER_STATE)
-        self._diagnostics = Diagnostics(self, self._status)
+        self._report_health = report_health(self, self._status)
         self._publish_state("recording")
         self.get_logger().info(f"recording to {self._bag.directory}")
 
@@ -114,7 +113,7 @@ class Recorder(Node):
             self._failed = True
             self.get_logger().fatal(f"{self._writer.error}; what was recorded before is in the bag")
             self._publish_state("failed", Level.ERROR, str(self._writer.error))
-            self._diagnostics.publish()
+            self._report_health()
         for name, types in self.get_topic_names_and_types():
             if name in self._intake or name in self._refused:
                 continue
@@ -228,7 +227,8 @@ def _create_bag(values: Mapping[str, Any]) -> BagFile:
         [Attachment.from_file(path) for path in attached],
         Compression(values["compression"]),
         start_ns=time.time_ns(),
-        split=Split(round(values["split_size"] * _MEGABYTE), round(values["split_duration"] * NANOSECONDS)),
+        split_size=round(values["split_size"] * _MEGABYTE),
+        split_duration=round(values["split_duration"] * NANOSECONDS),
     )
 
 

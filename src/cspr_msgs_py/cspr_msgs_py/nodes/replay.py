@@ -8,7 +8,6 @@ import sys
 import time
 import warnings
 from collections.abc import Iterable, Sequence
-from enum import Enum
 from functools import partial
 from itertools import chain
 
@@ -21,13 +20,13 @@ from rclpy.time import Time
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
-from cspr_msgs_py.bag.reader import Bag, BagWarning, Message, find_bag
-from cspr_msgs_py.bag.replay_pace import ReplayPace
-from cspr_msgs_py.errors import BagError, MessageError, StartError
+from cspr_msgs_py.bag.reader import Bag, Message, find_bag
+from cspr_msgs_py.errors import BagError, BagWarning, MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.programs.command_line import program_parser, run_program
 from cspr_msgs_py.qos import replay_profile
 from cspr_msgs_py.runtime.process import LEAN_NODE
+from cspr_msgs_py.runtime.replay_pace import ReplayPace
 from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
 from cspr_msgs_py.topics import MOTOR_STATES, ROSOUT, graph_topics
 from cspr_msgs_py.wire.cdr import NANOSECONDS
@@ -66,13 +65,6 @@ examples:
 EXIT_STATUS = (
     "exit status: 0 ended, be it by Ctrl-C, 1 not replayed, for the reason on stderr, 2 wrong arguments"
 )
-
-
-class Step(Enum):
-    """How far a step goes."""
-
-    MESSAGE = "message"
-    CYCLE = "cycle"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -124,7 +116,7 @@ class Replay:
         if self._start_ns > bag.end_ns:
             length = (bag.end_ns - bag.start_ns) / NANOSECONDS
             raise StartError(f"--start {options.start:g}: the bag is {length:.2f} s long")
-        self._step: Step | None = None
+        self._step: str | None = None  # the topic that ends the step under way; of any topic if empty
         self._ended = self._late = False
         self._looked = self._checked = -1e9
         self._node = Node("replay", **LEAN_NODE)
@@ -135,7 +127,6 @@ class Replay:
         self._latched: set[str] = set()
         self._publishers: dict[str, Publisher] = {}
         self._create_publishers(options.topics)
-        self._stepped_by = MOTOR_STATES.name if MOTOR_STATES.name in self._publishers else None
         time.sleep(_DISCOVERY_TIME)
         self._refuse_conflicts()
         self._wait_for_subscribers()
@@ -231,7 +222,7 @@ class Replay:
         self._publishers[message.topic].publish(message.data)
         if self._step is not None:
             self._pace.move(message.log_time_ns, time.monotonic())
-            if self._step is Step.MESSAGE or message.topic == self._stepped_by:
+            if self._step in ("", message.topic):
                 self._step = None
                 self._show(message.log_time_ns, f", {message.topic}")
 
@@ -254,11 +245,10 @@ class Replay:
     def _take(self, key: str, now: float) -> None:
         pace = self._pace
         if key == " ":
-            pace.resume(now) if pace.paused else pace.pause(now)
+            pace.pause(now, not pace.paused)
         elif key in ("s", "c", RIGHT_ARROW):
-            if not pace.paused:
-                pace.pause(now)
-            self._step = Step.CYCLE if key == "c" and self._stepped_by else Step.MESSAGE
+            pace.pause(now)
+            self._step = MOTOR_STATES.name if key == "c" and MOTOR_STATES.name in self._publishers else ""
         elif key in ("+", "-"):
             pace.change_rate(pace.rate * (2.0 if key == "+" else 0.5), now)
         elif key == "q":

@@ -2,6 +2,8 @@
 
 A file maps the names of nodes to ``ros__parameters``; the node ``/**`` stands for all of them. Nested mappings
 become names with dots. Source: the ROS 2 design article "ROS 2 Parameters", YAML syntax of ``--params-file``.
+The dialect is that of ROS: YAML 1.1, where ``on`` is a truth value and ``010`` is eight, without aliases.
+`cspr_kinematics.configuration.yaml_file` reads all other files the same way; a test feeds both the same spellings.
 """
 
 import warnings
@@ -12,8 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, MarkedYAMLError
-from ruamel.yaml.nodes import MappingNode, Node
+from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
+from ruamel.yaml.resolver import VersionedResolver
 
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.table import ALL_NODES, TABLE, known_parameter, node_parameters, parameter_values
@@ -21,10 +26,23 @@ from cspr_msgs_py.parameters.table import ALL_NODES, TABLE, known_parameter, nod
 warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
 
 
+class _Resolver(VersionedResolver):
+    processing_version = (1, 1)  # whatever a file says of itself
+
+
+class _Composer(Composer):
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.parser.check_event(AliasEvent):  # a few of them can stand for more than a computer holds
+            mark = self.parser.peek_event().start_mark
+            raise ComposerError(None, None, "found an alias; write out what it stands for", mark)
+        return super().compose_node(parent, index)
+
+
 def _yaml(kind: str) -> YAML:
-    """Return a loader or a writer of YAML 1.1, as ROS reads it, in which ``on`` is a truth value."""
     yaml = YAML(typ=kind, pure=True)
-    yaml.version = (1, 1)
+    yaml.Resolver = _Resolver
+    if kind == "safe":  # a loader; the other kind writes
+        yaml.Composer = _Composer
     return yaml
 
 
@@ -53,7 +71,6 @@ class ParameterFile:
             root = self._yaml.compose(text)
             if not isinstance(root, MappingNode):
                 raise ParameterError(f"{name} is not a parameter file: it maps no names of nodes")
-            self._yaml.constructor.construct_document(root)  # refuses a key that stands there twice
             self._read_nodes(root, "")
         except ParameterError:
             raise
@@ -107,8 +124,8 @@ class ParameterFile:
         _yaml("rt").dump(content, stream)
         return stream.getvalue()
 
-    def _read_nodes(self, section: Node, path: str) -> None:
-        for key, value in ((str(name.value), value) for name, value in section.value):
+    def _read_nodes(self, section: MappingNode, path: str) -> None:
+        for key, value in _entries(section):
             inner = f"{path}/{key.strip('/')}".lstrip("/")
             if key == "ros__parameters" and isinstance(value, MappingNode):
                 name = path.rpartition("/")[2]
@@ -121,9 +138,9 @@ class ParameterFile:
                     f"{self.name} is not a parameter file: {path or inner} has no ros__parameters"
                 )
 
-    def _read_values(self, node: str, section: Node, prefix: str) -> None:
+    def _read_values(self, node: str, section: MappingNode, prefix: str) -> None:
         values = self._nodes.setdefault(node, {})
-        for key, value in ((str(name.value), value) for name, value in section.value):
+        for key, value in _entries(section):
             if isinstance(value, MappingNode):
                 self._read_values(node, value, f"{prefix}{key}.")
                 continue
@@ -132,6 +149,19 @@ class ParameterFile:
             except ParameterError as error:
                 raise ParameterError(f"{self.name}, line {value.start_mark.line + 1}: {error}") from error
             values[prefix + key] = self._yaml.constructor.construct_document(value)
+
+
+def _entries(section: MappingNode) -> list[tuple[str, Node]]:
+    """Return keys, as they are written, and values; refuse a key that stands there twice."""
+    entries: dict[str, Node] = {}
+    for name, value in section.value:
+        key = str(name.value)
+        if key in entries:
+            scalars = isinstance(value, ScalarNode) and isinstance(entries[key], ScalarNode)
+            both = f' with value "{value.value}" (original value: "{entries[key].value}")' if scalars else ""
+            raise ComposerError(None, None, f'found duplicate key "{key}"{both}', name.start_mark)
+        entries[key] = value
+    return list(entries.items())
 
 
 def _nested(values: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ imported, see :mod:`cspr_msgs_py.runtime.parameters` for that.
 import re
 from collections.abc import Mapping
 from difflib import get_close_matches
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 from cspr_msgs_py.errors import ParameterError
@@ -186,8 +186,14 @@ _WITHOUT_PRIORITY = ("recorder", "robot_markers")  # the control loop comes firs
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def node_parameters(node: str) -> dict[str, NodeParameter]:
-    """Return the parameters of a node by name, those of its process included; empty if it is none of ours."""
+@cache
+def node_parameters(node: str) -> Mapping[str, NodeParameter]:
+    """Return the parameters of a node by name, those of its process included; empty if it is none of ours.
+
+    Those of `ALL_NODES` are all that some node has.
+    """
+    if node == ALL_NODES:
+        return {name: row for each in TABLE for name, row in node_parameters(each).items()}
     key = re.sub(r"^motor_controller_\d+$", "motor_controller_K", node)
     if key not in TABLE:
         return {}
@@ -238,8 +244,7 @@ def known_parameter(node: str, name: str) -> NodeParameter | None:
     ParameterError
         If a node of ours has no such parameter, or the node's name is almost that of one; says what was probably meant.
     """
-    everywhere = {name: row for each in TABLE for name, row in node_parameters(each).items()}
-    known = everywhere if node == ALL_NODES else node_parameters(node)
+    everywhere, known = node_parameters(ALL_NODES), node_parameters(node)
     if not known:
         if close := get_close_matches(node.lower(), TABLE, n=1, cutoff=0.8):
             raise ParameterError(f"there is no node {node}; did you mean {close[0]}?")

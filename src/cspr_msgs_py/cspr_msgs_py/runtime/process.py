@@ -272,21 +272,12 @@ def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Tim
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-class Diagnostics:
-    """Publishes a node's health on ``/diagnostics`` once a second.
+def report_health(node: Node, statuses: Callable[[], Iterable[Status]]) -> Callable[[], None]:
+    """Publish the statuses of a node on ``/diagnostics`` once a second; return what publishes them at once."""
+    send = sample_publisher(node, DIAGNOSTICS)
 
-    Parameters
-    ----------
-    node : Node
-    callback : callable
-        Returns the statuses to publish.
-    """
+    def report() -> None:
+        send(StatusArray(time.time_ns(), tuple(statuses())))
 
-    def __init__(self, node: Node, callback: Callable[[], Iterable[Status]]) -> None:
-        self._callback = callback
-        self._send = sample_publisher(node, DIAGNOSTICS)
-        self._timer = steady_timer(node, 1.0, self.publish)
-
-    def publish(self) -> None:
-        """Publish now, besides the regular time."""
-        self._send(StatusArray(time.time_ns(), tuple(self._callback())))
+    steady_timer(node, 1.0, report)
+    return report

@@ -18,7 +18,7 @@ from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.topics import BASE_FRAME, PLATFORM_FRAME
 from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes
 from cspr_msgs_py.wire.joint_state import FIELDS, JointSample, JointStateCodec, JointStateSample
-from cspr_msgs_py.wire.message_values import nanoseconds, quaternion, vector
+from cspr_msgs_py.wire.message_values import motion, nanoseconds
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 
 
@@ -54,19 +54,19 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
     return JointStateSample(nanoseconds(message.header.stamp), **fields)
 
 
-def decode_joint(codec: JointStateCodec, buffer: Bytes, index: int) -> JointSample:
-    """Decode one joint, by its index in `codec`, of a JointState of any layout.
+def decode_joint(codec: JointStateCodec, buffer: Bytes) -> JointSample:
+    """Decode the first joint of `codec` of a JointState of any layout.
 
     Raises
     ------
     MessageError
         As `decode_joint_state`.
     """
-    joint = codec.decode_joint(buffer, index)
+    joint = codec.decode_joint(buffer)
     if joint is not None:
         return joint
     stamp_ns, *fields = decode_joint_state(codec, buffer)
-    return JointSample(stamp_ns, *(float(f[index]) if f.size else math.nan for f in fields))
+    return JointSample(stamp_ns, *(float(f[0]) if f.size else math.nan for f in fields))
 
 
 def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
@@ -95,18 +95,10 @@ def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
             raise MessageError(
                 f"reference has {len(getattr(point, field))} {field} for {len(message.joint_names)} joints"
             )
-    transform = point.transforms[joint]
-    velocity = point.velocities[joint]
-    acceleration = point.accelerations[joint]
     return ReferenceSample(
         nanoseconds(message.header.stamp),
         nanoseconds(point.time_from_start) / NANOSECONDS,
-        _read_only(vector(transform.translation)),
-        _read_only(quaternion(transform.rotation)),
-        _read_only(vector(velocity.linear)),
-        _read_only(vector(velocity.angular)),
-        _read_only(vector(acceleration.linear)),
-        _read_only(vector(acceleration.angular)),
+        *map(_read_only, motion(point, joint)),
     )
 
 

@@ -115,10 +115,7 @@ class JointStateCodec(Frame):
         blocks = [pack_time(stamp_ns)]
         for field, values in (("position", position), ("velocity", velocity), ("effort", effort)):
             if values is not None:
-                array = np.asarray(values, dtype=_DOUBLE)
-                if array.shape != self._shape or field not in self._offsets:
-                    raise ValueError(self._mismatch(field, array.shape))
-                blocks.append(array.tobytes())
+                blocks.append(self._block(field, values))
             elif field in self._offsets:
                 raise ValueError(f"a message of this layout carries {field}, and none is given")
         return self.join(*blocks)
@@ -132,18 +129,18 @@ class JointStateCodec(Frame):
 
     def encode_sample(self, sample: JointStateSample) -> bytes:
         """Return the message as CDR; raises ValueError as `encode` does."""
-        blocks = [pack_time(sample.stamp_ns)]
-        for field in self._offsets:
-            array = np.asarray(getattr(sample, field), dtype=_DOUBLE)
-            if array.shape != self._shape:
-                raise ValueError(self._mismatch(field, array.shape))
-            blocks.append(array.tobytes())
-        return self.join(*blocks)
+        blocks = (self._block(field, getattr(sample, field)) for field in self._offsets)
+        return self.join(pack_time(sample.stamp_ns), *blocks)
 
-    def _mismatch(self, field: str, shape: tuple[int, ...]) -> str:
+    def _block(self, field: str, values: ArrayLike) -> bytes:
+        array = np.asarray(values, dtype=_DOUBLE)
         if field not in self.fields:
-            return f"a message of this layout does not carry {field}"
-        return f"{field} has shape {shape}, the message has {len(self.names)} names: {', '.join(self.names)}"
+            raise ValueError(f"a message of this layout does not carry {field}")
+        if array.shape != self._shape or not self.names:
+            raise ValueError(
+                f"{field} has shape {array.shape}, the message has {len(self.names)} names: {', '.join(self.names)}"
+            )
+        return array.tobytes()
 
     def decode(self, buffer: Bytes) -> JointStateSample | None:
         """Return what a message carries, or None when `buffer` has another layout.
@@ -163,20 +160,19 @@ class JointStateCodec(Frame):
             _NONE if effort is None else np.frombuffer(data, _DOUBLE, count, effort),
         )
 
-    def decode_joint(self, buffer: Bytes, index: int) -> JointSample | None:
-        """Return one joint of a message, NaN for fields that it does not carry, or None for another layout.
+    def decode_joint(self, buffer: Bytes) -> JointSample | None:
+        """Return the first joint of a message, NaN for fields that it does not carry, or None for another layout.
 
-        It costs half of `decode`: each motor controller wants one motor of all, twice a cycle.
+        It costs half of `decode`, and the commands of the motors are of one joint each.
         """
         if not self.matches(buffer):
             return None
-        shift = 8 * index
         position, velocity, effort = self._field_offsets
         return JointSample(
             unpack_time(buffer, self._stamp_offset),
-            math.nan if position is None else _ONE_DOUBLE(buffer, position + shift)[0],
-            math.nan if velocity is None else _ONE_DOUBLE(buffer, velocity + shift)[0],
-            math.nan if effort is None else _ONE_DOUBLE(buffer, effort + shift)[0],
+            math.nan if position is None else _ONE_DOUBLE(buffer, position)[0],
+            math.nan if velocity is None else _ONE_DOUBLE(buffer, velocity)[0],
+            math.nan if effort is None else _ONE_DOUBLE(buffer, effort)[0],
         )
 
     @classmethod

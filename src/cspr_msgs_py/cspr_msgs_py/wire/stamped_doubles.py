@@ -24,7 +24,7 @@ class StampedDoublesCodec(Frame):
         for name, number in fields.items():
             template.place_doubles(name, number)
         super().__init__(template)
-        self._shape = (sum(fields.values()),)
+        self.count = sum(fields.values())
 
     @classmethod
     def of(cls, buffer: Bytes, fields: Mapping[str, int]) -> "StampedDoublesCodec":
@@ -39,7 +39,7 @@ class StampedDoublesCodec(Frame):
         scanner.time()
         codec = cls(scanner.string(), fields)
         if not codec.matches(buffer):
-            raise ValueError(f"{len(buffer)} bytes are not a header and {codec._shape[0]} doubles")
+            raise ValueError(f"{len(buffer)} bytes are not a header and {codec.count} doubles")
         return codec
 
     def encode(self, stamp_ns: int, values: ArrayLike) -> bytes:
@@ -51,6 +51,6 @@ class StampedDoublesCodec(Frame):
             If there are not as many values as the layout has, or the stamp does not fit the message.
         """
         array = np.asarray(values, dtype="<f8")
-        if array.shape != self._shape:
-            raise ValueError(f"the message has {self._shape[0]} doubles after its header, not {array.shape}")
+        if array.shape != (self.count,):
+            raise ValueError(f"the message has {self.count} doubles after its header, not {array.shape}")
         return self.join(pack_time(stamp_ns), array.tobytes())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
@@ -64,27 +65,19 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
     if topic.type == topics.LOG:
         return TopicCodec(encode_log, decode_log)
     if topic.type == topics.POSE_STAMPED:
-        pose = StampedDoublesCodec(topics.BASE_FRAME, POSE)
-
-        def encode_pose(sample: PoseSample) -> bytes:
-            return pose.encode(sample.stamp_ns, np.concatenate((sample.position, sample.quaternion_xyzw)))
-
-        def decode_pose(buffer: Bytes) -> PoseSample:
-            stamp, values = _stamped_doubles(topic, buffer, 7)
-            return PoseSample(stamp, values[:3], values[3:])
-
-        return TopicCodec(encode_pose, decode_pose)
+        return _stamped_doubles(
+            topic,
+            StampedDoublesCodec(topics.BASE_FRAME, POSE),
+            lambda sample: [*sample.position, *sample.quaternion_xyzw],
+            lambda stamp, values: PoseSample(stamp, values[:3], values[3:]),
+        )
     if topic.type == topics.INERTIA_STAMPED:
-        inertia = StampedDoublesCodec(topics.PLATFORM_FRAME, INERTIA)
-
-        def encode_inertia(sample: InertiaSample) -> bytes:
-            return inertia.encode(sample.stamp_ns, [sample.mass, *sample.center_of_mass, 0, 0, 0, 0, 0, 0])
-
-        def decode_inertia(buffer: Bytes) -> InertiaSample:
-            stamp, values = _stamped_doubles(topic, buffer, 10)
-            return InertiaSample(stamp, float(values[0]), values[1:4])
-
-        return TopicCodec(encode_inertia, decode_inertia)
+        return _stamped_doubles(
+            topic,
+            StampedDoublesCodec(topics.PLATFORM_FRAME, INERTIA),
+            lambda sample: [sample.mass, *sample.center_of_mass, 0, 0, 0, 0, 0, 0],
+            lambda stamp, values: InertiaSample(stamp, float(values[0]), values[1:4]),
+        )
     raise MessageError(f"{topic.name}: messages of type {topic.type} have no codec")
 
 
@@ -92,7 +85,7 @@ def _joint_state(topic: Topic, number_of_motors: int) -> TopicCodec:
     command = re.fullmatch(r"/(motor_\d+)/command", topic.name)
     if command is not None:
         one = JointStateCodec((command[1],), position=False, velocity=False)
-        decode = _of_constant_layout(topic, lambda buffer: one.decode_joint(buffer, 0))
+        decode = _of_constant_layout(topic, one.decode_joint)
         return TopicCodec(one.encode_joint, decode, one)
     if topic == topics.CABLE_TENSIONS:
         codec = JointStateCodec(topics.cable_names(number_of_motors), position=False, velocity=False)
@@ -111,11 +104,21 @@ def _of_constant_layout(topic: Topic, decode: Callable[[Bytes], Any]) -> Callabl
     return decode_or_raise
 
 
-def _stamped_doubles(topic: Topic, buffer: Bytes, number: int) -> tuple[int, np.ndarray[Any, Any]]:
-    try:
-        scanner = Scanner(buffer)
-        stamp = scanner.time()
-        scanner.string()
-        return stamp, np.array([scanner.double() for _ in range(number)])
-    except ValueError as error:
-        raise MessageError(f"{topic.name}: not a {topic.type}: {error}") from error
+def _stamped_doubles(
+    topic: Topic,
+    layout: StampedDoublesCodec,
+    values: Callable[[Any], list[float]],
+    sample: Callable[[int, NDArray[np.float64]], Any],
+) -> TopicCodec:
+    """Return the codec of a header and doubles; the ``frame_id`` of what it decodes may be any."""
+
+    def decode(buffer: Bytes) -> Any:
+        try:
+            scanner = Scanner(buffer)
+            stamp = scanner.time()
+            scanner.string()
+            return sample(stamp, np.array([scanner.double() for _ in range(layout.count)]))
+        except ValueError as error:
+            raise MessageError(f"{topic.name}: not a {topic.type}: {error}") from error
+
+    return TopicCodec(lambda record: layout.encode(record.stamp_ns, values(record)), decode)

@@ -8,7 +8,7 @@ import pytest
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.motor_errors import motor_errors
 from cspr_control.errors import ControlError
-from cspr_msgs_py.bag.reader import JointStates
+from cspr_msgs_py.bag.columns import JointStates
 
 PERIOD = 4_000_000  # ns
 

@@ -9,7 +9,7 @@ from cspr_control.analysis.numbers.predicted_tensions import predict_tensions
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
 from cspr_control.reference.paper import paper_19_tilt
 from cspr_kinematics import Robot
-from cspr_msgs_py.bag.reader import Inertias, References
+from cspr_msgs_py.bag.columns import Inertias, References
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
 
 START = 1_790_000_000_000_000_000

@@ -80,12 +80,11 @@ def trajectory_figure(
 
 
 def _draw_coordinates(axis: Any, time: Floats, position: Floats, measured: tuple[Floats, ...] | None) -> None:
+    shown_time, shown = (time, position) if measured is None else measured
     for column, name in enumerate("xyz"):
         if measured is not None:
             axis.plot(time, position[:, column], color=REFERENCE_COLOUR, linewidth=2.0)
-            axis.plot(measured[0], measured[1][:, column], color=COLOURS[column], label=name)
-        else:
-            axis.plot(time, position[:, column], color=COLOURS[column], label=name)
+        axis.plot(shown_time, shown[:, column], color=COLOURS[column], label=name)
     axis.set(ylabel="position, m")
     axis.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 

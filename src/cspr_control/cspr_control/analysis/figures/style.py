@@ -22,26 +22,17 @@ COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E0
 
 PDFF_EXACT: Final = controller_label(Controller.PDFF, exact_mass=True)
 
-CONTROLLER_COLOURS: Final[Mapping[str, str]] = {
-    Controller.PD: COLOURS[6],
-    Controller.STATIC: COLOURS[5],
-    Controller.PDFF: COLOURS[1],
-    Controller.PDFF_MASS: COLOURS[0],
-    PDFF_EXACT: COLOURS[2],
+CONTROLLERS: Final[Mapping[str, tuple[str, str]]] = {
+    Controller.PD: ("PD", COLOURS[6]),
+    Controller.STATIC: ("PD + static", COLOURS[5]),
+    Controller.PDFF: ("PDFF", COLOURS[1]),
+    Controller.PDFF_MASS: ("PDFF + mass", COLOURS[0]),
+    PDFF_EXACT: ("PDFF, exact mass", COLOURS[2]),
 }
-"""Of the controllers that are compared (docs/model.md, section 5), by their names in the demo."""
+"""Title and colour of those that are compared (docs/model.md, section 5), by their names in the demo."""
 
 DASHED_CONTROLLERS: Final = frozenset({Controller.PDFF, PDFF_EXACT})
 """Those that may coincide with another one: the other, drawn first, shows through their gaps."""
-
-CONTROLLER_TITLES: Final[Mapping[str, str]] = {
-    Controller.PD: "PD",
-    Controller.STATIC: "PD + static",
-    Controller.PDFF: "PDFF",
-    Controller.PDFF_MASS: "PDFF + mass",
-    PDFF_EXACT: "PDFF, exact mass",
-}
-"""Their names in figures and tables."""
 
 REFERENCE_COLOUR: Final = "#7a7a7a"
 """Of reference and true values beside measured ones."""
@@ -93,7 +84,7 @@ def motor_line(index: int) -> dict[str, str]:
 
 def controller_colour(name: str, index: int) -> str:
     """Return the colour of a controller by its name, or of the `index`-th of those whose name is not known."""
-    return CONTROLLER_COLOURS.get(name, COLOURS[index % len(COLOURS)])
+    return CONTROLLERS[name][1] if name in CONTROLLERS else COLOURS[index % len(COLOURS)]
 
 
 def controller_line(name: str, index: int) -> dict[str, Any]:
@@ -104,9 +95,9 @@ def controller_line(name: str, index: int) -> dict[str, Any]:
 
 def controller_title(name: str) -> str:
     """Return how a controller is written in a figure; what follows its name, such as a date, stays."""
-    for known in sorted(CONTROLLER_TITLES, key=len, reverse=True):
+    for known in sorted(CONTROLLERS, key=len, reverse=True):
         if name == known or name.startswith(f"{known} "):
-            return CONTROLLER_TITLES[known] + name[len(known) :]
+            return CONTROLLERS[known][0] + name[len(known) :]
     return name
 
 

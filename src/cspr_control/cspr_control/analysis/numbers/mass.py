@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspr_control.analysis.recording import Recording
 from cspr_control.analysis.timeline import Timeline
-from cspr_msgs_py.bag.reader import Inertias
+from cspr_msgs_py.bag.columns import Inertias
 
 MASS_TOLERANCE = 0.02  # of the true mass: the band in which the estimate must stay to count as settled
 _LEAST_CHANGE = 1e-3  # kg, the least difference that counts as a change of the true mass

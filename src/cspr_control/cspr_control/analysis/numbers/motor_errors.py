@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.errors import ControlError
-from cspr_msgs_py.bag.reader import JointStates
+from cspr_msgs_py.bag.columns import JointStates
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

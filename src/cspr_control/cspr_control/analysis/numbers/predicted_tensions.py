@@ -18,7 +18,7 @@ from cspr_kinematics import (
     inverse_kinematics,
     required_wrench,
 )
-from cspr_msgs_py.bag.reader import Inertias, References
+from cspr_msgs_py.bag.columns import Inertias, References
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

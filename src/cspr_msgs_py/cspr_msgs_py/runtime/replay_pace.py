@@ -51,15 +51,10 @@ class ReplayPace:
         """Let the bag's time be `time_ns` now."""
         self._bag_ns, self._clock = time_ns, now
 
-    def pause(self, now: float) -> None:
-        """Stop the bag's time."""
+    def pause(self, now: float, paused: bool = True) -> None:
+        """Stop the bag's time, or let it run again."""
         self.move(self.time_ns(now), now)
-        self.paused = True
-
-    def resume(self, now: float) -> None:
-        """Let the bag's time run again."""
-        self.move(self.time_ns(now), now)
-        self.paused = False
+        self.paused = paused
 
     def change_rate(self, rate: float, now: float) -> None:
         """Let the bag's time run at another rate from now on."""

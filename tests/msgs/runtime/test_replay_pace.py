@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from cspr_msgs_py.bag.replay_pace import LATEST, ReplayPace
+from cspr_msgs_py.runtime.replay_pace import LATEST, ReplayPace
 
 SECOND = 1_000_000_000
 
@@ -20,7 +20,7 @@ def test_nothing_is_due_in_a_pause_and_nothing_is_made_up_for_after_it() -> None
     pace.pause(1.0)
     assert pace.time_ns(50.0) == SECOND
     assert pace.delay(2 * SECOND, 50.0) == math.inf
-    pace.resume(50.0)
+    pace.pause(50.0, False)
     assert pace.delay(2 * SECOND, 50.0) == 1.0
 
 
@@ -40,5 +40,5 @@ def test_a_replay_that_is_late_does_not_hurry() -> None:
 
 def test_a_pause_from_the_start() -> None:
     pace = ReplayPace(7, now=0.0, paused=True)
-    pace.resume(3.0)
+    pace.pause(3.0, False)
     assert pace.time_ns(3.0) == 7
