@@ -14,7 +14,7 @@ BENCHMARKS = {
     "recorder": "the recorder under the whole graph at 500 Hz (20 s; longer: python -m benchmarks.recorder --help)",
     "controllers": "the controllers in closed loop without ROS (half a minute)",
     "filter_limit": "the quickest filter of the mass estimate (about a minute)",
-    "closed_loop": "how much quicker than real time the closed loop is simulated (half a minute)",
+    "closed_loop": "how much faster than real time the closed loop is simulated (half a minute)",
 }
 
 parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)

@@ -1,4 +1,4 @@
-"""How much quicker than real time the closed loop is simulated, on one core and without a bag."""
+"""How much faster than real time the closed loop is simulated, on one core and without a bag."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ AIMS = {False: 12.0, True: 4.0}
 
 
 def main() -> None:
-    """Print simulated seconds in a second of the processor, for the plant alone and with all devices."""
+    """Print simulated seconds per second of processor time, for the plant alone and with all devices."""
     print(f"{'pdff-mass on paper-19':33}{'simulated':>11}{'processor':>11}{'ratio':>8}{'aim':>6}")
     for devices, aim in AIMS.items():
         scenario = replace(BARE, devices=devices)

@@ -25,7 +25,9 @@ CASES = {
     "pdff-mass on smooth-19": SMOOTH,
     "pdff (exact mass) on smooth-19": replace(SMOOTH, controller=Controller.PDFF, exact_mass=True),
     **{
-        f"pdff-mass on smooth-19, pulleys {told}": replace(SMOOTH, robot=robot, true_pulleys=Pulleys(0.05))
+        f"pdff-mass on smooth-19, pulleys {told}": replace(
+            SMOOTH, parameters={"/**": {"robot_config": robot}}, true_pulleys=Pulleys(0.05)
+        )
         for told, robot in (("known", "robot_pulleys.yaml"), ("unknown", "robot.yaml"))
     },
 }

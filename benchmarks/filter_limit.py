@@ -1,4 +1,4 @@
-"""How quick may the filter of the mass estimate be? The closed loop through the feed-forward answers.
+"""How fast may the filter of the mass estimate be? The closed loop through the feed-forward answers.
 
 The estimate weighs what the cables pull, the feed-forward pulls what the estimate weighs: a loop with positive
 feedback, whose gain falls with the inertia of the winches. For each time constant the load is stepped by 100 kg on

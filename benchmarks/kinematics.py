@@ -24,7 +24,7 @@ from cspr_kinematics import (
 
 BATCH = 100_000
 
-# What is aimed at on two cores of a 2024 server, us or, for batches, us a pose.
+# What is aimed at on two cores of a 2024 server, us or, for batches, us per pose.
 _CHAIN = "cables, wrench and bounded tensions"
 _BATCH_CHAIN = f"the same, batch of {BATCH}, one thread"
 _WARM = "forward kinematics, from 1 cm away"

@@ -1,4 +1,4 @@
-"""What this computer can keep to at best: a bare loop at the rate of the control cycle, on all CPUs at once.
+"""What this computer can keep up with at best: a bare loop at the rate of the control cycle, on all CPUs at once.
 
 The loop has no middleware and no input or output. It sleeps until its moment and then does a fixed piece of work, which
 on this computer usually takes as long as the control cycle from SYNC to the last command. A cycle in which the work is

@@ -160,7 +160,7 @@ def measure(minutes: float) -> None:
             print(f"  {topic:22}{number:>12}")
     print(f"{'CPU of the recorder':24}{cpu / span:>12.1%} of one core")
     print(f"{'memory on the way':24}    {' '.join(f'{each:.1f}' for each in memories)} MB")
-    print(f"{'size':24}{size / 1e6:>12.1f} MB, {size / max(total, 1):.0f} bytes a message")
+    print(f"{'size':24}{size / 1e6:>12.1f} MB, {size / max(total, 1):.0f} bytes per message")
 
 
 def main(arguments: Sequence[str] = ()) -> None:

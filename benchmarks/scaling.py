@@ -61,15 +61,15 @@ def growth_with_cables() -> None:
 
 
 def most_steps(problems: list[Problem]) -> int:
-    """Largest number of steps that `closest` takes; at most 20 a cable and 100."""
+    """Largest number of steps that `closest` takes; at most 20 per cable and 100 in all."""
     return max(int(distribute_tensions(A, w, LOW, HIGH, "closest").steps) for A, w in problems)
 
 
 def growth_with_poses() -> None:
-    """Print times a pose in batches on one thread and on two."""
+    """Print the time per pose in batches, on one thread and on two."""
     robot, random = Robot.from_yaml(CONFIG / "robot.yaml"), np.random.default_rng(1)
     problems = wrenches(8, 40, feasible=True)
-    print(f"\n{'us a pose of 8 cables':>22}{'chain':>12}{'2 threads':>12}{'gain':>8}", end="")
+    print(f"\n{'us per pose, 8 cables':>22}{'chain':>12}{'2 threads':>12}{'gain':>8}", end="")
     print(f"{'closest':>12}{'2 threads':>12}{'gain':>8}")
     for n in (1, 10, 100, 1000, 10_000, 100_000):
         batch = motions(robot, random, n)

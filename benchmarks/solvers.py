@@ -1,4 +1,4 @@
-"""Solvers of other people, asked for bounded tensions of least norm that give a wrench.
+"""Other solvers, for bounded tensions of least norm that give a wrench.
 
 Each maker takes the number of cables and returns a function of wrench matrix (6, m) and wrench (6,) with the tensions
 (m,). The solvers with a package of their own are in requirements-bench.txt.

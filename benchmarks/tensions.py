@@ -54,7 +54,7 @@ OTHER_OPTIMUM: dict[str, Callable[[int], Solver]] = {
 
 
 def time_of(solver: Solver, problems: list[Problem]) -> float:
-    """Time for one problem, us."""
+    """Time per problem, us."""
 
     def all_of_them() -> None:
         for A, w in problems:

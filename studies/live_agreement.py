@@ -77,7 +77,7 @@ class LiveRun:
             config=directory / "config",
             trajectory=trajectory,
             payload=float(masses[0]),
-            # the truth is told 50 times a second
+            # the truth is published 50 times a second
             added=(AddedPayload(added, round(float(added_at), 1)),) if changes.size else (),
             latency=latency,
             phase=phase % period,

@@ -57,11 +57,16 @@ def test_every_cause_has_meaning_and_remedy():
         assert fault.value in section("Causes from `can_drives`")
 
 
-TELLING = ("_trouble", "_restless", "answered", "problem")  # functions that return what is wrong, in words
+TELLING = (
+    "_fault_cause",
+    "_why_not_at_rest",
+    "answered",
+    "problem",
+)  # functions that return what is wrong, in words
 
 
 def causes(path):
-    """Return the constant words of every text that a module latches, loses a drive for, or gives as its trouble."""
+    """Return the constant words of the texts with which a module latches, loses a drive or explains a fault."""
     for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if not isinstance(function, ast.FunctionDef):
             continue

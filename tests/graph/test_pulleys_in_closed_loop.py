@@ -22,7 +22,7 @@ def record(robot: str) -> LoopRecord:
             config=CONFIG,
             devices=False,
             trajectory=TrajectoryName.SMOOTH_19,
-            robot=robot,
+            parameters={"/**": {"robot_config": robot}},
             true_pulleys=Pulleys(0.05),
         )
     )

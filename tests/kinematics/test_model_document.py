@@ -180,7 +180,7 @@ def pulley_table(robot: Robot, with_pulleys: Robot) -> Table:
 
 def pulley_error_table(robot: Robot, with_pulleys: Robot) -> Table:
     """What a controller gets wrong that knows nothing of the pulleys: zeroed at home, it asks for a pose."""
-    rows = [row("asked for (x, y, z), m", "error of the platform's place, mm", "of its rotation, degrees")]
+    rows = [row("desired (x, y, z), m", "error of the platform's place, mm", "of its rotation, degrees")]
     for place in ([0.5, 0.0, 1.0], [0.0, 0.4, 1.0], [0.0, 0.0, 1.6], [1.0, 0.5, 1.5]):
         asked = Pose(place, np.eye(3))
         paid_out = inverse_kinematics(robot, asked).lengths - robot.winch.home_lengths

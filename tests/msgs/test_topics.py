@@ -1,6 +1,10 @@
+import ast
+from pathlib import Path
+
 import pytest
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
+from cspr_msgs_py import topics
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.topics import (
@@ -30,6 +34,15 @@ def test_names_are_unique_and_absolute() -> None:
     names = [topic.name for topic in graph_topics(8)]
     assert len(set(names)) == len(names)
     assert all(name.startswith("/") for name in names)
+
+
+def test_each_topic_of_the_module_is_a_topic_of_the_graph() -> None:
+    written = {node.targets[0].id for node in ast.parse(Path(topics.__file__).read_text()).body
+               if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
+               and node.value.func.id in ("_stream", "_latched", "_reliable")}  # fmt: skip
+    assert len(written) > 10
+    assert [getattr(topics, name) for name in written if getattr(topics, name) not in graph_topics(0)] == []
+    assert len(graph_topics(0)) == len(written)
 
 
 def test_motors_are_counted_from_one() -> None:

@@ -1,4 +1,4 @@
-"""The control graph: all control, wired once, whoever drives it.
+"""The control graph: all control, wired once.
 
 `ControlGraph` holds the components (trajectory player, feed-forward, one controller for each motor, estimation of pose
 and payload, supervision) and the routes between them, which follow from the topics that each one hears. It reads no
@@ -16,10 +16,10 @@ To wire and drive it::
 ``now`` is monotonic time in s and never goes back; stamps in samples are ROS time in ns. ``outputs`` come in the order
 in which they came about, those that other components have heard as well:
 
-- `Publication(topic, sample)`: for the drives, the recorder, whoever listens.
+- `Publication(topic, sample)`: for the drives, the recorder and all other subscribers.
 - `Call(component, service)`: a service to be called, of the drivers or of the graph itself. When its answer is there,
-  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph never answers by itself, so
-  that whoever drives it decides how long a service takes.
+  some time later, it goes to ``graph.answered(now, call, accepted, message)``. The graph itself never
+  answers, so that its caller decides how long a service takes.
 - `Remark(component, level, text)`: a line for the log.
 
 Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs` turns them into the bytes of messages.
@@ -30,7 +30,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from cspr_control.components.component import Call, Component, Output, Outputs, Publication, Timer
 from cspr_control.components.feedforward import FeedforwardComponent
@@ -51,6 +51,14 @@ class _Due:
 
     time: float
     timer: Timer
+
+
+class Route(NamedTuple):
+    """A way of a topic: the component that hears it, as which of its inputs, and what takes the samples."""
+
+    component: Component
+    input: Topic
+    handle: Callable[[float, Any], Outputs]
 
 
 class ControlGraph:
@@ -82,8 +90,7 @@ class ControlGraph:
         self.components: dict[str, Component] = {}
         self.inputs: dict[str, Topic] = {}
         self._heard_instead = heard_instead or {}
-        self._routes: dict[str, list[Callable[[float, Any], Outputs]]] = {}
-        self._listeners: dict[str, list[tuple[Component, Topic]]] = {}
+        self._routes: dict[str, list[Route]] = {}
         self.services: dict[str, Any] = {}
         self._due: list[_Due] | None = None
         for component in components:
@@ -99,22 +106,21 @@ class ControlGraph:
             if topic.name not in self.inputs:
                 self.inputs[topic.name] = topic
                 new.append(topic)
-            self._routes.setdefault(topic.name, []).append(component.handler(own))
-            self._listeners.setdefault(topic.name, []).append((component, own))
+            self._routes.setdefault(topic.name, []).append(Route(component, own, component.handler(own)))
         return tuple(new)
 
-    def handlers(self, topic: Topic) -> Sequence[Callable[[float, Any], Outputs]]:
-        """Return what takes the samples of a topic, one for each component that hears it, in their order.
+    def routes(self, topic: Topic) -> Sequence[Route]:
+        """Return the routes of a topic, one for each component that hears it, in their order.
 
-        For who sends each answer at once: it must not wait for those that are less urgent. Components that are added
-        later stand behind.
+        For callers that send each answer at once, so that it does not wait for less urgent ones. Components that are
+        added later come last.
         """
         return self._routes.setdefault(topic.name, [])
 
     def deliver(self, topic: Topic, now: float, sample: Any) -> list[Output]:
         """Give a sample to those that hear the topic, and return what they answer, without feeding it through."""
         outputs: list[Output] = []
-        for handle in self._routes.get(topic.name, ()):
+        for _, _, handle in self._routes.get(topic.name, ()):
             outputs += handle(now, sample)
         return outputs
 
@@ -127,7 +133,7 @@ class ControlGraph:
 
     def refuse(self, topic: Topic, problem: str) -> None:
         """Let those that hear the topic count a message that could not be read."""
-        for component, own in self._listeners.get(topic.name, ()):
+        for component, own, _ in self._routes.get(topic.name, ()):
             component.refuse(own, problem)
 
     def begin(self, now: float) -> list[Output]:
@@ -197,8 +203,8 @@ def control_graph(
     return ControlGraph(
         (
             *(
-                MotorComponent(number, robot.motor, settings.gains, settings.setpoint_timeout)
-                for number in range(1, m + 1)
+                MotorComponent(number, robot.motor, settings.gains, timeout)
+                for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
             ),
             TrajectoryComponent(robot, settings.trajectory, settings.period),
             FeedforwardComponent(robot, settings.feedforward),

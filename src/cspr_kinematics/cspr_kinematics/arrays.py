@@ -123,7 +123,7 @@ def _real_numbers(value: ArrayLike, array: NDArray[Any]) -> FloatArray:
 
 def frozen(array: FloatArray) -> FloatArray:
     """Return a contiguous, read-only copy of `array`."""
-    copy = np.array(array, order="C")
+    copy = array.copy()
     copy.setflags(write=False)
     return copy
 
@@ -154,7 +154,7 @@ def positive_number(name: str, value: float) -> float:
 
 
 def non_negative_number(name: str, value: float) -> float:
-    """Return `value` as a finite float of at least zero; raises InvalidInputError for any other."""
+    """Return `value` as a finite float, zero or more; raises InvalidInputError for any other."""
     number = checked_number(name, value)
     if number < 0.0:
         raise InvalidInputError(name, value, "must not be negative")
@@ -162,7 +162,7 @@ def non_negative_number(name: str, value: float) -> float:
 
 
 def positive_integer(name: str, value: int) -> int:
-    """Return `value`, a whole number of at least one that fits into 64 bits; raises InvalidInputError for any other."""
+    """Return `value`, a whole number, one or more, that fits into 64 bits; raises InvalidInputError for any other."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 1 <= value <= sys.maxsize:
         raise InvalidInputError(name, value, f"must be a whole number from 1 to {sys.maxsize}")
     return int(value)

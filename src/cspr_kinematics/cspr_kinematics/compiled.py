@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import itertools
 import logging
 import re
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from cspr_kinematics.arrays import FloatArray, positive_integer
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_Result = TypeVar("_Result")
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 _PACKAGE = Path(__file__).parent
 _IMPORT = re.compile(
@@ -73,8 +73,8 @@ def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar
     return result
 
 
-def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least: int = 1) -> None:
-    """Run `work(first, after_last)` over range(count), in equal parts of at least `least` on several threads.
+def in_chunks(work: Callable[[int, int], _Result], count: int, threads: int, least: int = 1) -> list[_Result]:
+    """Return `work(first, after_last)` of range(count), in equal parts of at least `least` on several threads.
 
     Kernels release the interpreter lock, so threads use as many cores. These are plain threads, because those
     of OpenMP do not survive a fork and numba's own must not be entered twice at a time.
@@ -82,16 +82,14 @@ def in_chunks(work: Callable[[int, int], None], count: int, threads: int, least:
     Raises
     ------
     InvalidInputError
-        If the number of threads is not a whole number of at least one.
+        If the number of threads is not a whole number, one or more.
     """
     threads = min(positive_integer("threads", threads), count // least)
     if threads <= 1:
-        work(0, count)
-        return
+        return [work(0, count)]
     bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(work, a, b) for a, b in itertools.pairwise(bounds)]:
-            done.result()
+        return list(pool.map(work, bounds[:-1], bounds[1:]))
 
 
 @functools.cache

@@ -21,5 +21,9 @@ class StartError(MessagesError):
     """A node cannot start; the text says what to change."""
 
 
+class NodeError(MessagesError):
+    """A node of a process that has several could not go on; the text is its name, the cause what went wrong."""
+
+
 class BagWarning(UserWarning):
     """A bag can be read, but not all of it is there."""

@@ -191,12 +191,14 @@ SET_SIMULATED_PAYLOAD = _reliable(
     "demo",
     "payload that the simulated robot carries from header.stamp on (0 = now)",
 )
+_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
+
 # What every node of ROS publishes by itself; no part of the graph, and so not among `graph_topics`.
 ROSOUT = _latched("/rosout", LOG, Rate.ON_REQUEST, "*", "lines of the log", depth=1000)
 
 
 def motor_command(k: int) -> Topic:
-    """Return the topic on which motor `k` (counted from 1) is told its torque."""
+    """Return the topic of the torque commands to motor `k`, counted from 1."""
     if k < 1:
         raise ValueError(f"motors are counted from 1, not {k}")
     return _stream(
@@ -204,7 +206,7 @@ def motor_command(k: int) -> Topic:
         JOINT_STATE,
         Rate.BUS,
         f"motor_controller_{k}",
-        f"effort = torque (N m) demanded of motor {k}, at the motor shaft",
+        f"effort = commanded torque (N m) of motor {k}, at the motor shaft",
     )
 
 
@@ -219,23 +221,5 @@ def cable_names(number_of_cables: int) -> tuple[str, ...]:
 
 
 def graph_topics(number_of_motors: int) -> tuple[Topic, ...]:
-    """Return every topic of a robot with this number of motors, in the order in which data flow."""
-    return (
-        REFERENCE,
-        SETPOINT,
-        MOTOR_STATES,
-        *(motor_command(k) for k in range(1, number_of_motors + 1)),
-        CABLE_TENSIONS,
-        PLATFORM_POSE,
-        PAYLOAD,
-        ROBOT_STATE,
-        TRAJECTORY_STATE,
-        DRIVE_STATES,
-        RECORDER_STATE,
-        LOAD_CELL_STATES,
-        DIAGNOSTICS,
-        EVENTS,
-        ROBOT_MARKERS,
-        SIMULATED_PAYLOAD,
-        SET_SIMULATED_PAYLOAD,
-    )
+    """Return every topic of a robot with this number of motors: the rows above, then the motors' commands."""
+    return (*_ROWS, *(motor_command(k) for k in range(1, number_of_motors + 1)))

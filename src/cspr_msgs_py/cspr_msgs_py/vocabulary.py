@@ -24,7 +24,7 @@ class RobotState(StrEnum):
     - DISABLED: brakes closed, the reference follows the measured pose.
     - ENABLING: the drives were told to enable.
     - ENABLED: the motors follow their set-points.
-    - STOPPING: the trajectory comes to rest, then the brakes close; when a fault asked for it, FAULT follows.
+    - STOPPING: the trajectory comes to rest, then the brakes close; after a fault, FAULT follows.
     - FAULT: the drives were stopped; the cause is latched until the operator resets it.
     """
 
@@ -123,7 +123,7 @@ class PayloadSource(StrEnum):
 class PayloadStatus(StrEnum):
     """Where the payload of a set-point comes from.
 
-    - NOMINAL: from the settings, as asked for.
+    - NOMINAL: from the settings, as configured.
     - ESTIMATED: from the newest estimate.
     - HELD: from the last estimate, which is older than the limit.
     - AWAITED: from the settings, because no estimate has arrived yet.
@@ -164,5 +164,5 @@ class Controller(StrEnum):
 
 
 def controller_label(controller: str, exact_mass: bool) -> str:
-    """Return a controller's name, with a note when it is told the true mass."""
+    """Return a controller's name, with a note when it is given the true mass."""
     return f"{controller} (exact mass)" if exact_mass else controller

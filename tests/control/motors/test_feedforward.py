@@ -6,10 +6,10 @@ import pytest
 from cspr_control.errors import PayloadError, SettingError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, checked_payload
 from cspr_control.reference.paper import paper_19, paper_19_tilt
-from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import (
     Acceleration,
     InvalidInputError,
+    Motion,
     Payload,
     Pose,
     Task,
@@ -68,7 +68,7 @@ def test_without_a_model_there_is_no_torque(robot, moving):
 
 
 def test_out_of_reach_no_cable_pushes_and_it_is_flagged(robot):
-    thrown = ReferencePoint(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
+    thrown = Motion(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
     setpoint = setpoint_of(robot, thrown, **NOMINAL)
     assert not setpoint.feasible
     assert setpoint.wrench_residual > 100.0
@@ -158,12 +158,12 @@ def test_an_unknown_tension_method_is_refused_and_changes_nothing(robot, moving)
 
 
 def test_margins_are_those_of_the_wrenches_within_reach(robot):
-    at_rest = ReferencePoint.at_rest(Pose.from_euler([0.4, -0.2, 1.3], 0.1, 0.0, -0.05))
+    at_rest = Motion.at_rest(Pose.from_euler([0.4, -0.2, 1.3], 0.1, 0.0, -0.05))
     setpoint = setpoint_of(robot, at_rest, model=FeedforwardModel.STATIC, **NOMINAL)
     margins = Margins.of(setpoint, robot)
     assert margins.wrench == pytest.approx(float(assess_task(robot, at_rest.pose, Task()).margin))
     assert margins.tension == pytest.approx(setpoint.tensions.min() - robot.tension_min)
-    thrown = ReferencePoint(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
+    thrown = Motion(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
     beyond = setpoint_of(robot, thrown, **NOMINAL)
     assert Margins.of(beyond, robot).wrench < 0.0
     # the tensions of least error are no nearer than the distance that the margin bounds from below
@@ -183,7 +183,7 @@ def test_payload_status(robot, moving):
 
 
 def test_the_first_estimate_and_one_after_a_gap_are_bridged(robot):
-    reference = ReferencePoint.at_rest(robot.home)
+    reference = Motion.at_rest(robot.home)
     feedforward = Feedforward(robot, FeedforwardSettings(switch_slew=1.0))
     before = feedforward.compute(0.0, reference).torque
     feedforward.set_estimate(0.004, 150.0, np.zeros(3))
@@ -201,8 +201,8 @@ def test_the_first_estimate_and_one_after_a_gap_are_bridged(robot):
         (math.nan, [0.0, 0.0, 0.0], "finite"),
         (math.inf, [0.0, 0.0, 0.0], "finite"),
         (301.0, [0.0, 0.0, 0.0], "max_payload"),
-        (1.0, [0.0, math.nan, 0.0], "centre of mass"),
-        (1.0, [0.0, 0.0], "centre of mass"),
+        (1.0, [0.0, math.nan, 0.0], "center_of_mass"),
+        (1.0, [0.0, 0.0], "center_of_mass"),
         (1.0, [20.0, 0.0, 0.0], "no coordinate may exceed 10 m"),
         (1.0, [0.0, -1e308, 0.0], "no coordinate may exceed 10 m"),
     ],
@@ -231,6 +231,6 @@ def test_nominal_payload_must_not_exceed_the_largest():
 
 def test_pose_that_is_not_level_keeps_the_weight(robot):
     pose = Pose.from_euler(robot.home.position, 0.1, 0.05, -0.05)
-    setpoint = setpoint_of(robot, ReferencePoint.at_rest(pose), **NOMINAL)
+    setpoint = setpoint_of(robot, Motion.at_rest(pose), **NOMINAL)
     force = inverse_kinematics(robot, pose).wrench_matrix @ setpoint.tensions
     assert force[2] == pytest.approx(153.0 * 9.81)

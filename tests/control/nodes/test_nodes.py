@@ -24,6 +24,9 @@ from tests.messages import (
     pose_stamped,
 )
 
+from cspr_control.components.payload import PayloadComponent
+from cspr_control.components.pose import PoseComponent
+from cspr_control.components.supervision import SupervisionComponent
 from cspr_control.errors import ControlError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
 from cspr_control.nodes.control import create_control_nodes
@@ -37,10 +40,9 @@ from cspr_control.nodes.control_nodes import (
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.reference.paper import paper_19
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_kinematics import Motion, Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
-from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.errors import NodeError, StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.vocabulary import DriverState, Level, PayloadSource, RobotState
 from cspr_msgs_py.wire.joint_state import JointStateCodec, JointStateSample
@@ -255,7 +257,7 @@ def test_feedforward_answers_a_reference_with_a_setpoint(bench, robot):
 def test_feedforward_reports_its_margins_and_changes_the_tension_method(bench, robot):
     node = bench.add(FeedforwardNode(**bench.options(payload_source="nominal", switch_slew=1000.0)))
     diagnostics = bench.listen(topics.DIAGNOSTICS)
-    at_rest = ReferencePoint.at_rest(robot.home)
+    at_rest = Motion.at_rest(robot.home)
 
     def reported(method):
         bench.until(
@@ -297,11 +299,7 @@ def test_feedforward_refuses_a_reference_that_is_not_finite(bench, robot):
     good = REFERENCE.decode(reference_message(point))
     bad = REFERENCE.encode(
         ReferenceSample(
-            **{
-                name: getattr(good, name)
-                for name in ReferenceSample.__dataclass_fields__
-                if name != "linear_velocity"
-            },
+            **{name: getattr(good, name) for name in ReferenceSample._fields if name != "linear_velocity"},
             linear_velocity=np.array([0.0, np.nan, 0.0]),
         )
     )
@@ -347,7 +345,7 @@ def test_feedforward_uses_the_estimate_and_says_when_it_is_stale(bench, robot):
     [
         ({"nominal_payload_mass": -5.0}, "nominal_payload_mass"),
         ({"nominal_payload_mass": 301.0}, "max_payload"),
-        ({"nominal_payload_center": [0.0, 0.0]}, "centre of mass"),
+        ({"nominal_payload_center": [0.0, 0.0]}, "center_of_mass"),
         ({"model": "oracle"}, "oracle"),
     ],
 )
@@ -679,5 +677,27 @@ def test_nodes_of_one_process_hear_each_topic_once_and_motor_controllers_first(b
     assert len(heard) == len(set(heard))
     graph = nodes[1].wiring.graph
     assert set(heard) == set(graph.inputs)
-    first = [handler.__self__.name for handler in graph.handlers(topics.MOTOR_STATES)][:COUNT]
+    first = [route.component.name for route in graph.routes(topics.MOTOR_STATES)][:COUNT]
     assert first == [f"motor_controller_{k}" for k in range(1, COUNT + 1)]
+
+
+@pytest.mark.parametrize(
+    ("component", "method", "name"),
+    [
+        (PoseComponent, "on_motor_states", "pose_estimator"),
+        (PayloadComponent, "report", "mass_estimator"),
+        (SupervisionComponent, "status", "supervisor"),
+    ],
+)
+def test_what_goes_wrong_in_a_component_is_an_error_of_its_node(bench, monkeypatch, component, method, name):
+    def fail(*_):
+        raise ValueError("no such thing")
+
+    monkeypatch.setattr(component, method, fail)
+    for node in create_control_nodes(**bench.options()):
+        bench.add(node)
+    with pytest.raises(NodeError, match=f"^{name}$") as error:
+        bench.until(
+            lambda: False, lambda: bench.publish(topics.MOTOR_STATES, MOTORS.encode(STAMP, ZERO, ZERO, ZERO))
+        )
+    assert isinstance(error.value.__cause__, ValueError)

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import TrajectoryError
+from cspr_control.reference import catalogue
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.paper import TILT, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
@@ -36,6 +37,12 @@ def assert_derivatives(trajectory, time):
     angular = (after.twist.angular - before.twist.angular) / span
     np.testing.assert_allclose(now.acceleration.linear, linear, atol=1e-6)
     np.testing.assert_allclose(now.acceleration.angular, angular, atol=1e-6)
+
+
+def test_a_name_that_nothing_makes_is_refused_in_words(robot, options, monkeypatch):
+    monkeypatch.delitem(catalogue._PRINTED, TrajectoryName.PAPER_18)
+    with pytest.raises(TrajectoryError, match=r"paper-18 is not in cspr_control\.reference\.catalogue"):
+        make_trajectory(TrajectoryName.PAPER_18, robot, robot.home, options)
 
 
 @pytest.mark.parametrize("name", list(TrajectoryName), ids=lambda name: name.value)

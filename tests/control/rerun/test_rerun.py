@@ -18,7 +18,7 @@ from cspr_control.parameters.settings import estimator_settings
 from cspr_control.programs import rerun
 from cspr_control.reference.paper import paper_19
 from cspr_control.rerun.bag import DEFINITIONS
-from cspr_kinematics import Payload, distribute_tensions, inverse_kinematics, static_wrench
+from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
@@ -109,7 +109,8 @@ class Graph:
             point.twist.angular, point.acceleration.linear, point.acceleration.angular,
         )  # fmt: skip
         arrival = now + 3 * MS + self._jitter(300)
-        setpoint = self._feedforward.compute(arrival * 1e-9, type(point).of_sample(sample))
+        heard = point._replace(pose=Pose.from_quaternion(sample.position, sample.quaternion_xyzw))
+        setpoint = self._feedforward.compute(arrival * 1e-9, heard)
         self._record(topics.REFERENCE, arrival, REFERENCE.encode(sample))
         data = MOTORS.encode(stamp, setpoint.angle, setpoint.speed, setpoint.torque)
         self._record(topics.SETPOINT, arrival + 200_000, data)
@@ -274,11 +275,23 @@ def test_the_default_output_lies_beside_the_bag_and_replaces_nothing(graph, tmp_
         assert (tmp_path / name / "comparison.json").is_file()
 
 
+@pytest.mark.parametrize("name", ["robot_config=x.yaml", "cpu=1"])
+def test_a_parameter_that_a_rerun_does_not_take_is_refused(bag, tmp_path, capsys, name):
+    assert rerun.main([str(bag), "--output", str(tmp_path / "out"), "--set", f"mass_estimator.{name}"]) == 1
+    assert (
+        f"mass_estimator takes no {name.partition('=')[0]} here; it takes time_constant"
+        in capsys.readouterr().err
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--set", "mass_estimator.time_constnt=0.2"], "did you mean time_constant"),
-        (["--set", "mass_estimatr.time_constant=0.2"], "'mass_estimatr' is not a node"),
+        (
+            ["--set", "mass_estimatr.time_constant=0.2"],
+            "parameters of 'mass_estimatr' cannot be set here; choose from",
+        ),
         (["--set", "supervisor.following_error=1.0"], "mass_estimator, feedforward"),
         (["--set", "mass_estimator.time_constant=-1"], "must lie in [0.001, 60] s"),
         (["--set", "mass_estimator.time_constant=.nan"], "must be a finite number"),

@@ -21,7 +21,7 @@ from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.commission.calibration import CalibrationError, calibrate
 from cspr_drivers.commission.findings import CellFindings, Findings, FindingsFile, WinchFindings
 from cspr_drivers.commission.found_devices import FoundDevice
-from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
+from cspr_drivers.commission.master_heartbeat import master_heartbeat
 from cspr_drivers.commission.operator import QUESTIONS, Operator
 from cspr_drivers.commission.program import commission, main
 from cspr_drivers.commission.single_drive import SingleDrive
@@ -297,7 +297,7 @@ def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_
     assert [path.read_text() for path in kept] == [before]
     for section in ("buses", "pdo", "timeouts", "rate"):
         assert found[section] == yaml.safe_load(before)[section]
-    assert "# One entry a motor, in the order of the cables in robot.yaml." in rig.path.read_text()
+    assert "# One entry per motor, in the order of the cables in robot.yaml." in rig.path.read_text()
     diff = next(line for line in rig.person.lines if line.startswith("---"))
     assert "+  - {bus: main, node_id: 3, polarity: 1" in diff
     assert not rig.path.with_name("can.yaml.commission").exists()
@@ -371,7 +371,7 @@ def test_a_drive_stops_when_the_walk_is_killed(rig):
     ports = open_ports(config)
     try:
         device = CanopenDevice("node 1", ports["main"], 1, 0.5, on_boot=lambda: None)
-        with MasterHeartbeat(ports, config.master_node_id, 0.05):
+        with master_heartbeat(ports, config.master_node_id, 0.05):
             drive = SingleDrive(device, config, 0.1).__enter__()
             drive._release()
             assert rig.brakes_open() == 1

@@ -126,6 +126,13 @@ def test_a_missing_key_is_named(mapping, path):
         CanConfig.from_mapping(mapping, "can.yaml")
 
 
+def test_a_key_with_a_default_may_be_left_out(mapping):
+    mapping["velocity_filter"] = 0.01
+    assert CanConfig.from_mapping(mapping, "can.yaml").velocity_filter == 0.01
+    del mapping["velocity_filter"]
+    assert CanConfig.from_mapping(mapping, "can.yaml").velocity_filter == 0.0
+
+
 def test_each_cable_has_motor_and_load_cell(mapping):
     mapping["load_cells"].pop()
     with pytest.raises(ConfigurationError, match="7 entries for 8 drives"):

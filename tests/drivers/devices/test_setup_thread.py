@@ -51,3 +51,20 @@ def test_a_restart_during_configuration_asks_for_one_more_round(wait_until):
     setup.start()
     wait_until(lambda: len(attempts) == 2 and not setup.problems)
     setup.stop()
+
+
+def test_a_defect_is_told_and_the_other_devices_are_set_up(wait_until, monkeypatch, capsys):
+    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
+    lines, attempts = [], []
+
+    def configure(index):
+        attempts.append(index)
+        if attempts.count(0) == index + 1 < 3:
+            {}["6075h"]
+
+    setup = SetupThread(["motor_1", "motor_2"], configure, lambda: True, lines.append)
+    setup.start()
+    wait_until(lambda: not setup.problems)
+    setup.stop()
+    assert lines == ["motor_1: KeyError: '6075h'", "motor_1: ready"]
+    assert "Traceback" in capsys.readouterr().err

@@ -1,6 +1,10 @@
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 
 from cspr_drivers.canopen.emergency import Emergency
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.drives.group import DriveGroup
 from cspr_drivers.errors import FrameError
@@ -23,6 +27,9 @@ TIMEOUTS = Timeouts(
     stop=0.5,
 )
 
+SHIPPED = CanConfig.from_yaml(Path(__file__).parents[3] / "config" / "can.yaml")
+CONFIG = replace(SHIPPED, drives=SHIPPED.drives[:2], timeouts=TIMEOUTS)
+
 
 def error(code, register):
     return Emergency(code, register, bytes(5), 100.0)
@@ -32,7 +39,7 @@ class Bench:
     """A group of two drives and the time."""
 
     def __init__(self):
-        self.group = DriveGroup(["motor_1", "motor_2"], 14, TIMEOUTS)
+        self.group = DriveGroup(CONFIG)
         self.time = 100.0
         self.status = [AT_REST, AT_REST]
         self.commanding = True

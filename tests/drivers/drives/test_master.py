@@ -137,6 +137,24 @@ def test_a_lost_answer_is_asked_for_again(config, ports, far_end, wait_until):
         rig.master.stop()
 
 
+def test_an_answer_that_is_cut_off_is_told_and_the_drive_is_set_up_again(
+    config, ports, far_end, wait_until, monkeypatch
+):
+    drive, answers = far_end.drives[1], [b""]
+    answer = drive.sdo
+    monkeypatch.setattr(drive, "sdo", lambda data: answers.pop() if answers else answer(data))
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.state is DriverState.DISABLED)
+        assert rig.lines == [
+            "motor_2 (node 2 on main): 1000h:00 (device type) read: it answers with 0 bytes, not 8",
+            "motor_2 (node 2 on main): ready",
+        ]
+    finally:
+        rig.master.stop()
+
+
 @pytest.mark.parametrize(
     ("subindex", "found", "words"),
     [

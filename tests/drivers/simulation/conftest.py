@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import struct
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
 from cspr_drivers.clock import Clock
-from cspr_drivers.config.can_config import DriveConfig, LoadCellConfig
+from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.devices.node import EmulatedNode
@@ -199,14 +200,14 @@ class DriveDesk(Desk):
     def __init__(self, polarity: int = 1) -> None:
         super().__init__()
         units = DriveUnits(polarity, 65536, 1000, rated_torque=5.0, torque_limit=10.0)
+        drives = (DriveConfig("motor_1", "main", NODE_ID, units),)
         self.drive = DriveEmulator(
-            DriveConfig("motor_1", "main", NODE_ID, units),
+            dataclasses.replace(CanConfig.from_yaml(EDS.parent / "can.yaml"), drives=drives),
+            0,
             EDS / "cia402_drive.eds",
             self.machine,
-            0,
             BrakeProperties(OPEN_DELAY, CLOSE_DELAY, 12.0),
             DriveProperties(DAMPING, QUICK_STOP_TIME),
-            brake_open_bit=14,
         )
         self.connect(self.drive)
         self.wait(0.002)

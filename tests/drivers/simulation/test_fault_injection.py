@@ -42,8 +42,8 @@ def test_every_fault_is_known_by_its_name_and_its_target(injector, fault):
     [
         ("", "there is no fault ''; `cspr closed_loop --help` lists them"),
         ("drive_silnt motor_1", "there is no fault 'drive_silnt'"),
-        ("drive_silent", "there is no '' it could happen to; say 'drive_silent PLACE' with one of motor_1"),
-        ("drive_silent motor_2", "there is no 'motor_2'"),
+        ("drive_silent", "'' is not a valid place; use 'drive_silent PLACE' with one of motor_1"),
+        ("drive_silent motor_2", "'motor_2' is not a valid place"),
         ("load_cell_stuck motor_1", "one of cable_1"),
         ("bus_cut can0", "one of main"),
     ],

@@ -84,6 +84,8 @@ def test_a_mapping_that_fits() -> None:
             "must be a finite number; without quotes",
         ),
         ({"load": float("inf")}, "load = inf: must be a finite number"),
+        ({"load": [1.0, float("nan")]}, "load[1] = nan: must be a finite number"),
+        ({"load": 10**400}, "...: must be a finite number"),
         ({"step": 0.6}, "step = 0.6: must be at most 0.5, or it tips over"),
         ({"tags": "all"}, "tags = 'all': must be a list of texts"),
         ({"tags": [""], "name": " "}, "name = ' ': must be a non-empty text"),

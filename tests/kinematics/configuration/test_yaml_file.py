@@ -31,9 +31,6 @@ def test_a_mapping_is_returned(tmp_path: Path) -> None:
         (b"\xff\xfe\x00\xd8", "is not valid YAML: 'utf-8' codec"),
         ("a: 2001-99-99", "is not valid YAML: month must be"),
         ("[" * 1000, "is not valid YAML: maximum recursion depth"),
-        ("a: {b: [1.0, .nan]}", "some.yaml: a.b[1] = nan: must be a finite number"),
-        ("a: -.inf", "some.yaml: a = -inf: must be a finite number"),
-        ("a: 1" + "0" * 400, "...: must be a finite number"),
     ],
     ids=lambda value: str(value)[:12],
 )

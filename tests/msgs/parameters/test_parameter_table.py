@@ -26,7 +26,7 @@ def test_a_default_is_a_value_that_the_parameter_may_have(node: str, row: NodePa
     )
 
 
-def test_the_shipped_file_has_the_defaults_and_the_units_of_the_table() -> None:
+def test_what_the_shipped_file_shows_has_the_default_and_the_unit_of_the_table() -> None:
     text = CONTROL_FILE.read_text(encoding="utf-8")
     section, seen, prefix = "", 0, ""
     for line in text.splitlines():
@@ -57,6 +57,14 @@ def test_later_values_win_and_must_fit() -> None:
         parameter_values("feedforward", {"model": 3})
     with pytest.raises(ParameterError, match=r"kp is -1; it must lie in \[0, 1000\] N m/rad"):
         parameter_values("motor_controller_3", {"kp": -1})
+
+
+def test_a_default_without_its_row_is_missed_in_words() -> None:
+    assert defaults("supervisor")["stuck_time"] == 1.0
+    with pytest.raises(
+        ParameterError, match=r"no default of 'motor_torque': .* cspr_msgs_py.parameters.table"
+    ):
+        defaults("supervisor")["motor_torque"]
 
 
 def test_the_table_names_what_a_bag_can_be_compressed_with() -> None:

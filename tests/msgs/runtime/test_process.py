@@ -13,7 +13,7 @@ PROGRAM = """
 import os, sys, time
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import Status
-from cspr_msgs_py.errors import StartError
+from cspr_msgs_py.errors import NodeError, StartError
 from cspr_msgs_py.parameters.row import NodeParameter
 from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.process import *
@@ -57,6 +57,11 @@ class Worker(Node):
             self.client.call_async(Trigger.Request()).add_done_callback(self.answered)
         if CASE == "raising callback" and self.received == 20:
             raise ValueError("no such thing")
+        if CASE == "raising part of a node" and self.received == 20:
+            try:
+                {}["key"]
+            except KeyError as error:
+                raise NodeError("controller") from error
 
     def answered(self, future):
         future.result()
@@ -180,10 +185,17 @@ def test_a_defect_comes_with_its_traceback() -> None:
     assert output.endswith("worker: KeyError: 'key'\n")
 
 
-def test_a_raising_callback_ends_the_process_safely() -> None:
-    status, output = Program("raising callback").end()
+@pytest.mark.parametrize(
+    ("case", "line"),
+    [
+        ("raising callback", "worker: ValueError: no such thing\n"),
+        ("raising part of a node", "controller: KeyError: 'key'\n"),
+    ],
+)
+def test_a_raising_callback_ends_the_process_safely(case: str, line: str) -> None:
+    status, output = Program(case).end()
     assert status == 1
-    assert "worker: ValueError: no such thing\n" in output
+    assert f"\n{line}" in output
     assert "controller safe" in output
 
 

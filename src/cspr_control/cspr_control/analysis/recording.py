@@ -33,7 +33,7 @@ CONFIGURATION_DIRECTORY = Path("config")
 
 @dataclass(frozen=True)
 class Window:
-    """The stretch of time that a number is about: its name, and from when to when, s since time zero."""
+    """The stretch of time that a number covers: its name, and from when to when, s since time zero."""
 
     name: str
     start: float
@@ -103,7 +103,7 @@ class Recording:
 
     @cached_property
     def window(self) -> Window:
-        """What the numbers of the run are about: its trajectories; all of the recording if there was none."""
+        """The stretch that the numbers of the run cover: its trajectories; all of the recording if there was none."""
         first, last = int(self.states.time_ns[0]), int(self.states.time_ns[-1])
         if self.trajectories:
             first, last = self.trajectories[0].start_ns, self.trajectories[-1].end_ns

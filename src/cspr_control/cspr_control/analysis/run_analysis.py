@@ -116,7 +116,7 @@ def analyse_recording(recording: Recording, name: str | None = None) -> RunAnaly
         except KinematicsError as problem:
             remarks.append(f"{recording.path}: no tensions of the model: {problem}")
     if not recording.trajectories:
-        remarks.append(f"{recording.path} has no trajectory: the numbers are about all of the recording")
+        remarks.append(f"{recording.path} has no trajectory: the numbers cover the whole recording")
     metrics = run_metrics(recording, errors, predicted)
     return RunAnalysis(name or recording.controller, recording, errors, predicted, metrics, tuple(remarks))
 

@@ -42,6 +42,8 @@ class BarePlant:
         self._period = period
         self._machine = SharedPlant(self.plant, config.payload_changes, time)
         self._noise = np.random.default_rng(config.seed)
+        self._gains = 1 + np.array(config.load_cells.gain_error)
+        self._offsets = np.array(config.load_cells.offset)
         self._angles = self.plant.motor_angles()
         self._enabled = False
         self._m = config.robot.number_of_cables
@@ -84,9 +86,9 @@ class BarePlant:
 
     def _cycle(self) -> None:
         self._advance()
-        stamp, cells = self.time.system_ns(), self._config.load_cells
-        tensions = self.plant.tensions() * (1 + np.array(cells.gain_error)) + cells.offset
-        tensions += cells.noise_std * self._noise.standard_normal(self._m)
+        stamp = self.time.system_ns()
+        noise = self._config.load_cells.noise_std * self._noise.standard_normal(self._m)
+        tensions = self.plant.tensions() * self._gains + self._offsets + noise
         self.publish(CABLE_TENSIONS, JointStateSample(stamp, _NONE, _NONE, tensions))
         before, self._angles = self._angles, self.plant.motor_angles()
         speeds = (self._angles - before) / self._period

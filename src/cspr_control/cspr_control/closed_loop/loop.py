@@ -23,7 +23,7 @@ from cspr_msgs_py.wire.samples import InertiaSample, LogLine
 
 SERVICE_TIME = 0.002  # s from a call of a service to its answer
 _PAYLOAD_PERIOD = 0.02  # s between two words about the true payload
-_STEP = 0.004  # s between two looks of whoever waits for something
+_STEP = 0.004  # s between two checks while waiting for something
 
 M = TypeVar("M", bound=Machine)
 Listener = Callable[[Topic, Any], None]
@@ -45,7 +45,7 @@ class ClosedLoop(Generic[M]):
     latency
         Time from the publication of the motor states to the arrival of the torques at the driver, s.
     exact_mass
-        Whether the feed-forward is told the true mass.
+        Whether the feed-forward is given the true mass.
     speed
         Seconds of the machine in a second of the computer that runs the graph.
 
@@ -96,7 +96,7 @@ class ClosedLoop(Generic[M]):
 
     @property
     def trajectory(self) -> TrajectoryComponent:
-        """The part of the graph that plays trajectories."""
+        """The component of the graph that plays trajectories."""
         component = self.graph.components["trajectory_publisher"]
         assert isinstance(component, TrajectoryComponent)
         return component
@@ -206,7 +206,9 @@ class ClosedLoop(Generic[M]):
                     listen(topic, sample)
                 motor = self.motors.get(topic.name)
                 if motor is not None:
-                    torque = self._tampered(motor, sample.effort)
+                    torque = sample.effort
+                    if motor in self.tampering:
+                        torque = self.tampering[motor](torque)
                     if torque is not None:
                         commands.append((motor, sample.stamp_ns, torque))
             elif isinstance(output, Call):
@@ -216,10 +218,6 @@ class ClosedLoop(Generic[M]):
                 self.publish(ROSOUT, LogLine(self.time.system_ns(), level, name, text))
         if commands:
             self.time.at(self.time.monotonic() + self._latency, partial(self.machine.command, commands))
-
-    def _tampered(self, motor: int, torque: float) -> float | None:
-        change = self.tampering.get(motor)
-        return torque if change is None else change(torque)
 
     def _call(self, call: Call) -> None:
         serve: Callable[[str], Any] = self.machine.call

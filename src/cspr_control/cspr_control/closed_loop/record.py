@@ -32,7 +32,7 @@ class LoopRecord:
     time
         (n,) s after the start.
     position_error, velocity_error
-        (n, m) demanded less measured, rad and rad/s.
+        (n, m) desired minus measured, rad and rad/s.
     tensions, asked_tensions
         (n, m) true ones, and those behind the feed-forward torque, N.
     torque
@@ -78,7 +78,7 @@ class LoopRecord:
 
     @property
     def mass_error(self) -> float:
-        """Estimated less true mass at the end, kg."""
+        """Estimated minus true mass at the end, kg."""
         return float(self.mass_estimate[-1] - self.mass_true[-1])
 
     @property

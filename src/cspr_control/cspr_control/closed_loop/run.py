@@ -20,7 +20,7 @@ from cspr_control.closed_loop.record import LoopRecord, LoopRecorder
 from cspr_control.closed_loop.robot import SimulatedRobot
 from cspr_control.closed_loop.scenario import PlannedFault, Scenario
 from cspr_control.closed_loop.simulated_time import SimulatedTime
-from cspr_control.parameters.control_settings import control_settings
+from cspr_control.parameters.control_settings import control_settings, robot_file
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
@@ -40,12 +40,17 @@ Progress = Callable[[str, float], None]
 
 def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
     """Make the closed loop of a scenario; it has not begun."""
-    robot = Robot.from_yaml(scenario.config / scenario.robot)
-    settings = control_settings(robot, scenario.read_parameters())
+    parameters = scenario.read_parameters()
+    robot = Robot.from_yaml(scenario.config / robot_file(parameters))
+    settings = control_settings(robot, parameters)
     time, simulation = SimulatedTime(), scenario.read_machine()
     machine: Machine
     if scenario.devices:
         buses = CanConfig.from_yaml(scenario.config / scenario.buses)
+        if buses.rate != (rate := round(1.0 / settings.period, 9)):
+            raise ClosedLoopError(
+                f"control_rate is {rate:g} Hz, but {buses.source}: rate = {buses.rate:g}: make them equal"
+            )
         machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
         machine = BarePlant(time, simulation, settings.period)

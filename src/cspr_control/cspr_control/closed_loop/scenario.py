@@ -50,8 +50,6 @@ class Scenario(Experiment):
         How long the trajectory is followed before it is stopped, s; to its end if None.
     parameters
         Parameters of the control nodes that are to be otherwise than in control.yaml, by node.
-    robot
-        File of the configuration that describes the robot as the controllers believe it to be.
     buses
         File of the configuration that describes buses and devices.
     true_pulleys, motor_inertia_factor, conversion_time
@@ -72,7 +70,6 @@ class Scenario(Experiment):
     seed: int | None = None
     duration: float | None = None
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    robot: str = "robot.yaml"
     buses: str = "can.yaml"
     true_pulleys: Pulleys | None = None
     motor_inertia_factor: float = 1.0

@@ -29,7 +29,7 @@ class Source(Protocol):
 class SimulatedTime(Clock):
     """A clock that stands still between events, and what is to happen when.
 
-    All that happens at one moment happens in the order in which it was asked for, so a run gives the same bytes each
+    All that happens at one moment happens in the order in which it was scheduled, so a run gives the same bytes each
     time. What waits in a thread of its own, as drivers do for answers of their devices, is started with `start`: such
     a thread runs only while the simulation waits for it, and only one does at a time.
     """

@@ -1,1 +1,1 @@
-"""The parts of the control graph: each takes samples of topics and returns what it publishes."""
+"""The components of the control graph: each takes samples of topics and returns what it publishes."""

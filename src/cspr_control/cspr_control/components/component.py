@@ -1,4 +1,4 @@
-"""What all parts of the control graph have in common: topics in, publications out, time as an argument."""
+"""What all components of the control graph have in common: topics in, publications out, time as an argument."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Timer(NamedTuple):
 
 
 class Component:
-    """One part of the control graph. Pure: it reads no clock, and all that it does is what it returns.
+    """One component of the control graph. Pure: it reads no clock, and all that it does is what it returns.
 
     What topic T of `inputs` brings goes to the method ``on_T(now, sample)``, slashes in its name as underscores.
     ``now`` is monotonic time in s, never before that of the call before.
@@ -112,11 +112,11 @@ class Component:
         return {}
 
     def answered(self, now: float, call: Call, accepted: bool, message: str) -> Outputs:
-        """Take the answer to a call that it has returned; one that nobody answers counts as refused."""
+        """Process the answer to a call that it has returned; no answer counts as refused."""
         raise NotImplementedError(f"{self.name} calls no services")
 
     def report(self, now: float) -> Outputs:
-        """Return its health, for ``/diagnostics``; whoever sends it stamps it."""
+        """Return its health, for ``/diagnostics``; its sender stamps it."""
         return (Publication(DIAGNOSTICS, StatusArray(0, (self.status(now),))),)
 
     def status(self, now: float) -> Status:

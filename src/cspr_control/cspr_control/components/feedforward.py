@@ -1,4 +1,4 @@
-"""The feed-forward as a part of the graph."""
+"""The feed-forward as a component of the graph."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 from cspr_control.components.component import NOTHING, Component, Outputs, Publication
 from cspr_control.errors import PayloadError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, Setpoint
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import KinematicsError, Robot
+from cspr_kinematics import Acceleration, KinematicsError, Motion, Pose, Robot, Twist
 from cspr_msgs_py.topics import PAYLOAD, REFERENCE, SETPOINT, Topic
 from cspr_msgs_py.vocabulary import FeedforwardModel, Level, PayloadStatus
 from cspr_msgs_py.wire.joint_state import JointStateSample
@@ -45,7 +44,7 @@ class FeedforwardComponent(Component):
         self._infeasible_reported = 0
         self._refused_payloads = 0
         # The first computation is slower than the others; it must not fall into a control cycle.
-        Feedforward(robot, settings).compute(0.0, ReferencePoint.at_rest(robot.home))
+        Feedforward(robot, settings).compute(0.0, Motion.at_rest(robot.home))
 
     def refuse(self, topic: Topic, problem: str) -> None:
         """Count references and payloads apart."""
@@ -57,7 +56,7 @@ class FeedforwardComponent(Component):
         self.feedforward.configure(settings)
 
     def on_payload(self, now: float, sample: InertiaSample) -> Outputs:
-        """Take over the estimate of the payload."""
+        """Store the estimate of the payload."""
         try:
             self.feedforward.set_estimate(now, sample.mass, sample.center_of_mass)
         except PayloadError as error:
@@ -70,7 +69,12 @@ class FeedforwardComponent(Component):
         A reference that is not finite ends here; without a set-point the motor controllers fall silent.
         """
         try:
-            setpoint = self.feedforward.compute(now, ReferencePoint.of_sample(sample))
+            reference = Motion(
+                Pose.from_quaternion(sample.position, sample.quaternion_xyzw),
+                Twist(sample.linear_velocity, sample.angular_velocity),
+                Acceleration(sample.linear_acceleration, sample.angular_acceleration),
+            )
+            setpoint = self.feedforward.compute(now, reference)
         except KinematicsError as error:
             self.refuse(REFERENCE, str(error))
             return NOTHING

@@ -1,4 +1,4 @@
-"""The controller of one motor as a part of the graph."""
+"""The controller of one motor as a component of the graph."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class MotorComponent(Component):
         self.controller.set_gains(gains)
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
-        """Take over the set-point of the motor."""
+        """Store the set-point of the motor."""
         item = self._index
         self.controller.set_setpoint(
             now,

@@ -1,4 +1,4 @@
-"""The estimation of the payload as a part of the graph."""
+"""The estimation of the payload as a component of the graph."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PayloadComponent(Component):
         self.estimator.settings = settings
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
-        """Take over the tensions of all cables."""
+        """Store the tensions of all cables."""
         try:
             self.estimator.observe_tensions(now, sample.stamp_ns, sample.effort)
         except MeasurementError as error:
@@ -46,7 +46,7 @@ class PayloadComponent(Component):
         return NOTHING
 
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
-        """Take over the pose at which the tensions are weighed."""
+        """Store the pose for which the tensions are evaluated."""
         try:
             pose = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
             self.estimator.observe_pose(now, sample.stamp_ns, pose)

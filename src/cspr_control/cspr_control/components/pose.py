@@ -1,4 +1,4 @@
-"""The estimation of the platform's pose from the motor angles, as a part of the graph."""
+"""The estimation of the platform's pose from the motor angles, as a component of the graph."""
 
 from __future__ import annotations
 

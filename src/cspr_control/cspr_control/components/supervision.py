@@ -1,4 +1,4 @@
-"""The supervisor as a part of the graph."""
+"""The supervisor as a component of the graph."""
 
 from __future__ import annotations
 
@@ -76,8 +76,6 @@ class SupervisionComponent(Component):
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
         super().__init__("supervisor", ROBOT_STATE)
         self.supervisor = Supervisor(count, limits)
-        # The checks run less often than the bus; what arrives in between is replaced unread.
-        self._arrived: dict[Topic, Callable[[], None]] = {}
         self._recorder_problem = ""
         self._published_state: tuple[object, ...] = ()
 
@@ -95,38 +93,32 @@ class SupervisionComponent(Component):
         return {f"/{self.name}/{command.__name__}": partial(self._command, command) for command in commands}
 
     def _command(self, command: Callable[[float], Decision], now: float) -> tuple[Decision, Outputs]:
-        self._observe_arrived()
         decision = command(now)
         remark = Remark(self.name, Level.OK, f"{command.__name__}: {decision.message}")
         return decision, [remark, *self.update(now)]
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
-        """Keep what was measured for the next check."""
-        self._arrived[MOTOR_STATES] = partial(self.supervisor.checks.observe_motors, now, sample)
+        """Store the motor states for the next check."""
+        self.supervisor.checks.observe_motors(now, sample)
         return NOTHING
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
-        """Keep what was demanded for the next check."""
-        self._arrived[SETPOINT] = partial(self.supervisor.checks.observe_setpoint, now, sample)
+        """Store the set-point for the next check."""
+        self.supervisor.checks.observe_setpoint(now, sample)
         return NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
-        """Keep the tensions for the next check."""
-        self._arrived[CABLE_TENSIONS] = partial(self.supervisor.checks.observe_tensions, now, sample.effort)
+        """Store the tensions for the next check."""
+        self.supervisor.checks.observe_tensions(now, sample.effort)
         return NOTHING
 
-    def _observe_arrived(self) -> None:
-        arrived, self._arrived = self._arrived, {}
-        for observe in arrived.values():
-            observe()
-
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
-        """Take over where the platform is."""
+        """Store where the platform is."""
         self.supervisor.checks.observe_pose(now, sample.position)
         return NOTHING
 
     def on_drive_states(self, now: float, sample: StatusArray) -> Outputs:
-        """Take over the state of the drives, and decide at once."""
+        """Store the state of the drives, and run the checks at once."""
         status = sample.find("can_drives")
         if status is None:
             self.refuse(DRIVE_STATES, f"{DRIVE_STATES.name} carries no status named can_drives")
@@ -140,7 +132,7 @@ class SupervisionComponent(Component):
         return self.update(now)
 
     def on_load_cell_states(self, now: float, sample: StatusArray) -> Outputs:
-        """Take over what the driver of the load cells finds, and decide at once."""
+        """Store what the driver of the load cells finds, and run the checks at once."""
         status = sample.find("load_cells")
         if status is None:
             self.refuse(LOAD_CELL_STATES, f"{LOAD_CELL_STATES.name} carries no status named load_cells")
@@ -149,7 +141,7 @@ class SupervisionComponent(Component):
         return self.update(now)
 
     def on_trajectory_state(self, now: float, sample: Status) -> Outputs:
-        """Take over what the reference does."""
+        """Store the phase of the trajectory."""
         try:
             self.supervisor.phase = TrajectoryPhase(sample.message)
         except ValueError:
@@ -159,7 +151,7 @@ class SupervisionComponent(Component):
         return NOTHING
 
     def on_recorder_state(self, now: float, sample: Status) -> Outputs:
-        """Take over whether the recording goes on."""
+        """Store whether the recorder still records."""
         problem = sample.values.get("cause", "") if sample.level >= Level.ERROR else ""
         self._recorder_problem = problem
         self.supervisor.recording_problem = problem
@@ -168,15 +160,14 @@ class SupervisionComponent(Component):
         return [Remark(self.name, Level.ERROR, f"recorder: {problem}"), *self.update(now)]
 
     def answered(self, now: float, call: Call, accepted: bool, message: str) -> Outputs:
-        """Take over the answer to an action, and decide at once."""
+        """Store the answer to an action, and run the checks at once."""
         action = _ACTIONS[call.service]
         self.supervisor.answered(now, action, accepted, message)
         remark = () if accepted else (Remark(self.name, Level.WARN, f"{action.value}: {message}"),)
         return [*remark, *self.update(now)]
 
     def update(self, now: float) -> Outputs:
-        """Judge the situation; return what is asked of others, and the robot's state when it has changed."""
-        self._observe_arrived()
+        """Run the checks; return the calls of other nodes' services, and the robot's state if it has changed."""
         supervisor = self.supervisor
         before = supervisor.state
         outputs: list[Output] = [Call(self.name, SERVICES[action]) for action in supervisor.update(now)]

@@ -1,4 +1,4 @@
-"""The player of trajectories as a part of the graph."""
+"""The player of trajectories as a component of the graph."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from cspr_control.components.component import NOTHING, Component, Outputs, Publi
 from cspr_control.errors import ControlError, TrajectoryError
 from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
-from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision
-from cspr_kinematics import KinematicsError, Pose, Robot
+from cspr_kinematics import KinematicsError, Motion, Pose, Robot
 from cspr_msgs_py import topics
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryName, TrajectoryPhase
@@ -149,7 +148,7 @@ class TrajectoryComponent(Component):
                 outputs.append(Remark(self.name, Level.WARN, f"{given_up}: {self.player.interruption}"))
         return outputs
 
-    def _sample(self, stamp: int, reference: ReferencePoint) -> ReferenceSample:
+    def _sample(self, stamp: int, reference: Motion) -> ReferenceSample:
         running = self.player.phase is TrajectoryPhase.RUNNING
         return ReferenceSample(
             stamp_ns=stamp,

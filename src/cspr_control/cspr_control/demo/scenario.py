@@ -98,11 +98,11 @@ class Scenario(Experiment):
         return ["-p", "realtime_priority:=50"] if self.realtime else []
 
 
-def ros_arguments(config: Path) -> list[str]:
-    """ROS arguments by which a node finds the files of a configuration directory."""
+def ros_arguments(config: Path, **files: str) -> list[str]:
+    """ROS arguments by which nodes find, by parameter, the files of a configuration directory that they read."""
     arguments = ["--ros-args", "--params-file", str(config / "control.yaml")]
-    for name in ("robot", "can", "simulation"):
-        arguments += ros_parameter(f"{name}_config", f"{config / name}.yaml")
+    for name, file in files.items():
+        arguments += ros_parameter(name, str(config / file))
     return arguments
 
 

@@ -140,7 +140,7 @@ class PayloadEstimator:
         self.newest = PayloadEstimate(payload, None, math.nan, np.zeros(2), (Invalidity.NO_TENSIONS,), 0, 0)
 
     def observe_tensions(self, time: float, stamp: int, tensions: ArrayLike) -> None:
-        """Take over measured tensions (m,), N.
+        """Store measured tensions (m,), N.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class PayloadEstimator:
         self._tensions_time, self._tensions_stamp = time, stamp
 
     def observe_pose(self, time: float, stamp: int, pose: Pose) -> None:
-        """Take over an estimated pose; its speed is taken from the difference to the previous one."""
+        """Store an estimated pose; its speed follows from the difference to the previous one."""
         elapsed = (stamp - self._pose_stamp) * 1e-9
         if self._pose is not None and 0.0 < elapsed <= self.settings.pose_timeout:
             turn = pose.rotation @ self._pose.rotation.T
@@ -192,22 +192,22 @@ class PayloadEstimator:
         return mean
 
     def _staleness(self, time: float) -> tuple[Invalidity, ...]:
-        checks = {
-            Invalidity.STALE_TENSIONS: time - self._tensions_time > self.settings.tensions_timeout,
-            Invalidity.STALE_POSE: time - self._pose_time > self.settings.pose_timeout,
-        }
-        return tuple(cause for cause, present in checks.items() if present)
+        checks = (
+            (Invalidity.STALE_TENSIONS, time - self._tensions_time > self.settings.tensions_timeout),
+            (Invalidity.STALE_POSE, time - self._pose_time > self.settings.pose_timeout),
+        )
+        return tuple(cause for cause, present in checks if present)
 
     def _disturbances(self, raw: PayloadMeasurement, tensions: NDArray[np.float64]) -> tuple[Invalidity, ...]:
         settings = self.settings
         sideways = math.hypot(raw.wrench[0], raw.wrench[1])
-        checks = {
-            Invalidity.SLACK_CABLE: tensions.min() < settings.slack_tension,
-            Invalidity.MOVING_TOO_FAST: self._speed > settings.max_speed,
-            Invalidity.TURNING_TOO_FAST: self._angular_speed > settings.max_angular_speed,
-            Invalidity.NOT_VERTICAL: sideways > settings.max_sideways_ratio * abs(raw.wrench[2]),
-        }
-        return tuple(cause for cause, present in checks.items() if present)
+        checks = (
+            (Invalidity.SLACK_CABLE, tensions.min() < settings.slack_tension),
+            (Invalidity.MOVING_TOO_FAST, self._speed > settings.max_speed),
+            (Invalidity.TURNING_TOO_FAST, self._angular_speed > settings.max_angular_speed),
+            (Invalidity.NOT_VERTICAL, sideways > settings.max_sideways_ratio * abs(raw.wrench[2])),
+        )
+        return tuple(cause for cause, present in checks if present)
 
     def _hold(self, raw: PayloadMeasurement | None, invalidities: tuple[Invalidity, ...]) -> PayloadEstimate:
         self.newest = replace(self.newest, raw=raw, invalidities=invalidities)

@@ -158,5 +158,5 @@ def trajectory_shape(trajectory: Trajectory) -> Shape:
 
 
 def path_shape(positions: Sequence[Floats]) -> Shape:
-    """Return the path that the platform's origin has followed, (n, 3) with n of at least 2."""
+    """Return the path that the platform's origin has followed, (n, 3) with n >= 2."""
     return Shape("path", ShapeKind.PATH, PATH_COLOUR, (PATH_WIDTH,) * 3, np.asarray(positions, dtype=float))

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspr_control.errors import PayloadError, SettingError
-from cspr_control.reference.reference_point import ReferencePoint
 from cspr_kinematics import (
+    InvalidInputError,
     Method,
+    Motion,
     Payload,
     Robot,
     SingularWrenchMatrixError,
@@ -82,24 +84,21 @@ def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_paylo
         If a number is not finite, the mass is negative or exceeds the largest one, or the centre of mass is
         further off than `LARGEST_OFFSET`.
     """
-    center = np.asarray(center_of_mass, dtype=float)
-    if not math.isfinite(mass):
-        raise PayloadError(f"{what}: the mass is {mass} kg; it must be finite")
-    if mass < 0.0:
-        raise PayloadError(f"{what}: the mass is {mass} kg; it must not be negative")
+    try:
+        payload = Payload(mass, center_of_mass)
+    except InvalidInputError as error:
+        raise PayloadError(f"{what}: {error}") from error
     if mass > max_payload:
         raise PayloadError(f"{what}: the mass is {mass} kg; it must not exceed max_payload, {max_payload} kg")
-    if center.shape != (3,) or not np.isfinite(center).all():
-        raise PayloadError(f"{what}: the centre of mass is {center.tolist()}; it must be 3 finite numbers")
-    if np.abs(center).max() > LARGEST_OFFSET:
+    center = payload.center_of_mass.tolist()
+    if max(map(abs, center)) > LARGEST_OFFSET:
         raise PayloadError(
-            f"{what}: the centre of mass is {center.tolist()} m; no coordinate may exceed {LARGEST_OFFSET:g} m"
+            f"{what}: the centre of mass is {center} m; no coordinate may exceed {LARGEST_OFFSET:g} m"
         )
-    return Payload(mass, center)
+    return payload
 
 
-@dataclass(frozen=True, eq=False)
-class Setpoint:
+class Setpoint(NamedTuple):
     """What all m motors should do at the time of the reference.
 
     Attributes
@@ -210,7 +209,7 @@ class Feedforward:
         self._settings = settings
 
     def set_estimate(self, time: float, mass: float, center_of_mass: ArrayLike) -> None:
-        """Take over an estimated payload.
+        """Store an estimated payload.
 
         Parameters
         ----------
@@ -238,7 +237,7 @@ class Feedforward:
         stale = time - self._estimate_time > self._settings.payload_timeout
         return self._estimate, PayloadStatus.HELD if stale else PayloadStatus.ESTIMATED
 
-    def compute(self, time: float, reference: ReferencePoint) -> Setpoint:
+    def compute(self, time: float, reference: Motion) -> Setpoint:
         """Set-point of all motors for one reference; the numbers are the paper's equations, as in docs/model.md.
 
         Parameters
@@ -249,25 +248,29 @@ class Feedforward:
             A single point, not a batch.
         """
         robot, winch, model = self._robot, self._robot.winch, self._settings.model
-        pose, twist = reference.pose, reference.twist
+        pose, twist, acceleration = reference
         payload, status = self.payload_in_use(time)
+        since = 0.0 if self._torque is None else max(time - self._time, 0.0)
 
         cables = inverse_kinematics(robot, pose)  # lengths (1)-(3), Jacobian (7)
         length_rates = cables.jacobian @ np.concatenate((twist.linear, twist.angular))  # (5), (6)
         if model is FeedforwardModel.DYNAMIC:
-            wrench = required_wrench(robot, pose, twist, reference.acceleration, payload)  # (8)-(13)
+            wrench = required_wrench(robot, pose, twist, acceleration, payload)  # (8)-(13)
         else:
             wrench = static_wrench(robot, pose, payload)  # the weight alone (13)
         if model is FeedforwardModel.NONE:
             tensions, feasible, residual = np.zeros(robot.number_of_cables), True, 0.0
         else:
-            tensions, feasible, residual = self._distributed(time, cables.wrench_matrix, wrench)  # (15)
-        torque = winch.motor_torque(tensions)  # (6)
+            limits = robot.tension_min, robot.tension_max
+            found = self._blend.distribute(cables.wrench_matrix, wrench, *limits, since)  # (15)
+            tensions, feasible, residual = found.tensions, bool(found.feasible), float(found.residual)
+        torque = self._bridged(winch.motor_torque(tensions), status, since)  # (6)
+        self._torque, self._time, self._status = torque, time, status
 
         return Setpoint(
             winch.motor_angle(cables.lengths),  # (6)
             winch.motor_speed(length_rates),  # (6)
-            self._bridged(time, torque, status),
+            torque,
             tensions,
             cables.wrench_matrix,
             wrench,
@@ -277,34 +280,20 @@ class Feedforward:
             status,
         )
 
-    def _distributed(
-        self, time: float, wrench_matrix: NDArray[np.float64], wrench: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], bool, float]:
-        """Tensions by the method of the settings, whether they are feasible, and their wrench error."""
-        robot = self._robot
-        since = 0.0 if self._torque is None else max(time - self._time, 0.0)
-        found = self._blend.distribute(wrench_matrix, wrench, robot.tension_min, robot.tension_max, since)
-        return found.tensions, bool(found.feasible), float(found.residual)
-
     def _bridged(
-        self, time: float, torque: NDArray[np.float64], status: PayloadStatus
+        self, torque: NDArray[np.float64], status: PayloadStatus, since: float
     ) -> NDArray[np.float64]:
+        """Return the torque of the model with what is left of the last switch, ``since`` s after the last one."""
         # An estimate that arrives for the first time, or again after a gap, is a switch too.
-        arrived = status is PayloadStatus.ESTIMATED and self._status in (
-            PayloadStatus.HELD,
-            PayloadStatus.AWAITED,
-        )
-        if self._torque is None:
-            self._offset = np.zeros_like(torque)
-        elif self._bridge_pending or arrived:
+        gap = self._status in (PayloadStatus.HELD, PayloadStatus.AWAITED)
+        switched = self._bridge_pending or (gap and status is PayloadStatus.ESTIMATED)
+        if switched and self._torque is not None:
             self._offset = self._torque - torque
         else:
-            step = self._settings.switch_slew * (time - self._time)
+            step = self._settings.switch_slew * since
             self._offset = self._offset - np.clip(self._offset, -step, step)
         self._bridge_pending = False
-        self._status, self._time = status, time
-        self._torque = torque + self._offset
-        return self._torque
+        return torque + self._offset
 
 
 def _load_model(settings: FeedforwardSettings) -> tuple[object, ...]:

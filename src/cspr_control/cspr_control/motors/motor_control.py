@@ -41,7 +41,7 @@ class MotorGains:
             raise SettingError("friction_smoothing_speed is 0 rad/s; it must be more than zero")
 
     def require_sampled_stability(self, inertia: float, period: float) -> None:
-        """Refuse a derivative gain with which a motor of a slack cable oscillates by itself.
+        """Refuse a derivative gain with which the motor of a slack cable would oscillate.
 
         A speed fed back once a period T to an inertia J is stable only for Kd < 2 J / T: beyond, each answer
         overcompensates by more than what it corrects.
@@ -145,7 +145,7 @@ class MotorController:
         self._smoothing = gains.friction_smoothing_speed
 
     def set_setpoint(self, received: float, stamp: int, angle: float, speed: float, torque: float) -> None:
-        """Take over a set-point.
+        """Store a set-point.
 
         Parameters
         ----------

@@ -1,1 +1,1 @@
-"""ROS 2 nodes, one module an executable."""
+"""ROS 2 nodes, one module per executable."""

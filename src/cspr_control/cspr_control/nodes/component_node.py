@@ -15,11 +15,11 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cspr_control.components.component import Call, Component, Outputs, Publication, Remark, Timer
-from cspr_control.graph import ControlGraph
+from cspr_control.graph import ControlGraph, Route
 from cspr_control.nodes.parameters import Settings, changeable_settings, declare_robot
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Robot
-from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.errors import MessageError, NodeError
 from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer, subscribe_raw
 from cspr_msgs_py.topics import DIAGNOSTICS, JOINT_STATE, MULTI_DOF_TRAJECTORY, Topic
 from cspr_msgs_py.vocabulary import Level
@@ -68,16 +68,16 @@ class Wiring:
         for service in component.calls:
             self._clients[service] = node.create_client(Trigger, service)
         for topic in self.graph.add(component):
-            decode, handlers = _decoder(topic, number_of_motors), self.graph.handlers(topic)
-            subscribe_raw(node, topic, partial(self._on_message, topic, decode, handlers))
+            decode, routes = _decoder(topic, number_of_motors), self.graph.routes(topic)
+            subscribe_raw(node, topic, partial(self._on_message, topic, decode, routes))
         for service, command in component.services().items():
-            node.create_service(Trigger, service, partial(self._on_command, command))
+            node.create_service(Trigger, service, partial(self._on_command, component.name, command))
         for timer in component.timers():
-            steady_timer(node, timer.period, partial(self._on_timer, timer))
+            steady_timer(node, timer.period, partial(self._on_timer, component.name, timer))
         self._send(component.begin())
 
     def _on_message(
-        self, topic: Topic, decode: Callable[[Bytes], Any], handlers: Sequence[Any], message: bytes
+        self, topic: Topic, decode: Callable[[Bytes], Any], routes: Sequence[Route], message: bytes
     ) -> None:
         now = self._monotonic()
         try:
@@ -85,22 +85,33 @@ class Wiring:
         except MessageError as error:
             self.graph.refuse(topic, str(error))
             return
-        for handle in handlers:
-            self._send(handle(now, sample))
+        for component, _, handle in routes:
+            self._run(component.name, handle, now, sample)
 
-    def _on_timer(self, timer: Timer) -> None:
-        self._send(timer.run(self._monotonic()))
+    def _on_timer(self, name: str, timer: Timer) -> None:
+        self._run(name, timer.run, self._monotonic())
 
     def _on_command(
         self,
+        name: str,
         command: Callable[[float], tuple[Decision, Outputs]],
         request: Trigger.Request,
         response: Trigger.Response,
     ) -> Trigger.Response:
-        decision, outputs = command(self._monotonic())
-        response.success, response.message = decision.accepted, decision.message
-        self._send(outputs)
+        def decide() -> Outputs:
+            decision, outputs = command(self._monotonic())
+            response.success, response.message = decision.accepted, decision.message
+            return outputs
+
+        self._run(name, decide)
         return response
+
+    def _run(self, name: str, step: Callable[..., Outputs], *arguments: Any) -> None:
+        """Send what a step of a component returns; what goes wrong meanwhile is an error of its node."""
+        try:
+            self._send(step(*arguments))
+        except Exception as error:
+            raise NodeError(name) from error
 
     def _send(self, outputs: Outputs) -> None:
         unheard: list[Call] = []
@@ -135,7 +146,7 @@ class Wiring:
 
     def _answer(self, call: Call, accepted: bool, message: str) -> None:
         component = self.graph.components[call.component]
-        self._send(component.answered(self._monotonic(), call, accepted, message))
+        self._run(component.name, component.answered, self._monotonic(), call, accepted, message)
 
     def make_safe(self, component: Component) -> None:
         """Call what a component that is about to end still asks for, and wait for the answer a little."""

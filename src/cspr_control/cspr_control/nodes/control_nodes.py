@@ -22,7 +22,7 @@ from cspr_msgs_py.runtime.parameters import declare_all
 
 
 class TrajectoryPublisher(ComponentNode):
-    """trajectory_publisher: the reference of the platform, one point a control cycle."""
+    """trajectory_publisher: the reference of the platform, one point per control cycle."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("trajectory_publisher", **options)

@@ -35,7 +35,7 @@ class DemoClient(Node):
         self.estimated_mass = self.true_mass = math.nan
         self.cycle_values: dict[str, str] = {}
         self._seen: set[str] = set()
-        # services are asked for by name again and again: one client each
+        # services are called by name again and again: one client each
         self._trigger_clients: dict[str, Any] = {}
         for topic, callback in (
             (topics.ROBOT_STATE, self._on_robot_state),
@@ -136,7 +136,7 @@ def demo_client() -> Iterator[DemoClient]:
 
 
 class Progress:
-    """One live line on a terminal; a line a step elsewhere."""
+    """One live line on a terminal; one line per step elsewhere."""
 
     def __init__(self, title: str, client: DemoClient) -> None:
         self._title, self._client = title, client

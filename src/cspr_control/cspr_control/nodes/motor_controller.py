@@ -18,6 +18,8 @@ from cspr_msgs_py.parameters.table import MOTOR, SETPOINT_TIMEOUT
 from cspr_msgs_py.runtime.parameters import declare, declare_all
 from cspr_msgs_py.runtime.process import LEAN_NODE, run_nodes
 
+_SELECTOR = "motor_controller"
+
 
 class MotorControllerNode(ComponentNode):
     """Node of `MotorComponent` of motor K, named ``motor_controller_K``.
@@ -51,7 +53,7 @@ class MotorControllerNode(ComponentNode):
 
 def _create() -> Sequence[Node]:
     # The motor decides the node's name, so it must be known before the node exists.
-    selector = Node("motor_controller", **LEAN_NODE)
+    selector = Node(_SELECTOR, **LEAN_NODE)
     try:
         motor = declare(selector, MOTOR)
     finally:
@@ -61,7 +63,7 @@ def _create() -> Sequence[Node]:
 
 def main() -> int:
     """Run the controller of the motor that the parameter ``motor`` names."""
-    return run_nodes(_create)
+    return run_nodes(_create, asked_before={_SELECTOR: (MOTOR.name,)})
 
 
 if __name__ == "__main__":

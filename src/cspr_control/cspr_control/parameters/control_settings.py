@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import PurePath
 
 from cspr_control.components.trajectory import TrajectorySettings
+from cspr_control.errors import SettingError
 from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings
 from cspr_control.motors.motor_control import MotorGains
 from cspr_control.parameters.settings import (
+    NoticedValues,
     estimator_settings,
     feedforward_settings,
     motor_gains,
@@ -18,18 +21,7 @@ from cspr_control.parameters.settings import (
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.parameters.table import ALL_NODES
-
-NODES = (
-    "trajectory_publisher",
-    "feedforward",
-    "motor_control_gains",
-    "pose_estimator",
-    "mass_estimator",
-    "supervisor",
-    ALL_NODES,
-)
-"""The nodes whose parameters the settings are; motor controllers have only what is said of all nodes."""
+from cspr_msgs_py.parameters.table import ALL_NODES, CONTROL_RATE, ROBOT_CONFIG
 
 
 @dataclass(frozen=True)
@@ -42,8 +34,8 @@ class ControlSettings:
         Of trajectory player, feed-forward, motor controllers, payload estimation and supervisor.
     period
         Of the control cycle, s.
-    setpoint_timeout
-        Age at which motor controllers no longer use a set-point, s.
+    setpoint_timeouts
+        Age at which each motor controller no longer uses a set-point, s.
     pose_rate
         Rate of the estimated poses, Hz.
     """
@@ -52,29 +44,52 @@ class ControlSettings:
     period: float
     feedforward: FeedforwardSettings
     gains: MotorGains
-    setpoint_timeout: float
+    setpoint_timeouts: tuple[float, ...]
     pose_rate: float
     payload: EstimatorSettings
     supervision: SupervisionLimits
 
 
+def robot_file(parameters: ParameterFile) -> str:
+    """Return the name of the robot's file, which lies in the directory of the parameter file."""
+    return PurePath(parameters.values("feedforward")[ROBOT_CONFIG.name]).name
+
+
 def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings:
-    """Return what a parameter file gives to the control nodes, as those would read it.
+    """Return what a parameter file gives to the control nodes, as those of `control` would read it.
 
     Raises
     ------
     ControlError, cspr_kinematics.KinematicsError, cspr_msgs_py.errors.ParameterError
-        If a value does not fit its parameter.
+        If a value does not fit its parameter, or is given to a component that does not take it.
     """
-    gains = parameters.values("motor_control_gains")
-    controllers = parameters.values("motor_controller_1")
-    return ControlSettings(
-        trajectory_settings(robot, parameters.values("trajectory_publisher")),
-        1.0 / gains["control_rate"],
-        feedforward_settings(robot.number_of_cables, parameters.values("feedforward")),
+    heard: dict[str, NoticedValues] = {}
+
+    def values(node: str) -> NoticedValues:
+        return heard.setdefault(node, NoticedValues(parameters.values(node)))
+
+    gains = values("motor_control_gains")
+    settings = ControlSettings(
+        trajectory_settings(robot, values("trajectory_publisher")),
+        1.0 / gains[CONTROL_RATE.name],
+        feedforward_settings(robot.number_of_cables, values("feedforward")),
         motor_gains(robot, gains),
-        controllers["setpoint_timeout"],
-        parameters.values("pose_estimator")["rate"],
-        estimator_settings(parameters.values("mass_estimator")),
-        supervision_limits(robot, parameters.values("supervisor")),
+        tuple(
+            values(f"motor_controller_{number}")["setpoint_timeout"]
+            for number in range(1, robot.number_of_cables + 1)
+        ),
+        values("pose_estimator")["rate"],
+        estimator_settings(values("mass_estimator")),
+        supervision_limits(robot, values("supervisor")),
     )
+    # nodes each have their own of these, the components have the same
+    for name in (ROBOT_CONFIG.name, CONTROL_RATE.name):
+        first, *others = [node for node in heard if name in heard[node] and "controller" not in node]
+        for node in others:
+            if heard[node][name] != heard[first][name]:
+                raise SettingError(
+                    f"{parameters.name}: {name} of {node} is {heard[node][name]}, of {first} {heard[first][name]}; "
+                    f"here it must be the same for all: give it to {ALL_NODES}"
+                )
+    parameters.require_heard({node: noticed.names for node, noticed in heard.items()})
+    return settings

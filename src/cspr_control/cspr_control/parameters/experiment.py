@@ -28,7 +28,7 @@ class Experiment:
     Attributes
     ----------
     controller, exact_mass
-        The controller, and whether its feed-forward is told the true mass.
+        The controller, and whether its feed-forward is given the true mass.
     trajectory
         What the platform follows.
     payload, added

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from cspr_control.components.trajectory import TrajectorySettings
@@ -22,6 +23,18 @@ from cspr_kinematics import Pose, Robot, bounded_methods
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
 
 Settings = TypeVar("Settings")
+
+
+class NoticedValues(dict[str, Any]):
+    """Values by name that notice, in `names`, which of them are taken."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        super().__init__(values)
+        self.names: set[str] = set()
+
+    def __getitem__(self, name: str) -> Any:
+        self.names.add(name)
+        return super().__getitem__(name)
 
 
 def motor_gains(robot: Robot, values: Mapping[str, Any]) -> MotorGains:
@@ -49,7 +62,7 @@ def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> Fe
         "payload_source": PayloadSource(values["payload_source"]),
         "nominal_payload": checked_payload("nominal payload", mass, center, values["max_payload"]),
     }
-    return _of(FeedforwardSettings, {**values, **converted})
+    return _of(FeedforwardSettings, values, converted)
 
 
 def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySettings:
@@ -62,7 +75,7 @@ def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySe
     """
     name = TrajectoryName(values["trajectory"])
     home = {"move_position": robot.home.position, "move_orientation": robot.home.euler}
-    goal = {vector: values.get(vector, default) for vector, default in home.items()}
+    goal = home | {vector: values[vector] for vector in home if vector in values}
     for vector, elements in goal.items():
         if len(elements) != 3:
             raise TrajectoryError(f"{vector} has {len(elements)} elements; 3 are needed")
@@ -87,9 +100,12 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
         "workspace_max": tuple(robot.workspace_max.tolist()),
         "transmission_ratio": robot.winch.transmission_ratio,
     }
-    return _of(SupervisionLimits, {**values, **of_robot})
+    return _of(SupervisionLimits, values, of_robot)
 
 
-def _of(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
-    """Return the settings whose fields are named as the parameters are."""
-    return kind(**{field.name: values[field.name] for field in fields(kind)})  # type: ignore[arg-type]
+def _of(
+    kind: type[Settings], values: Mapping[str, Any], instead: Mapping[str, Any] = MappingProxyType({})
+) -> Settings:
+    """Return the settings whose fields are named as the parameters are, but for those that are given otherwise."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    return kind(**{name: instead[name] if name in instead else values[name] for name in names})

@@ -1,1 +1,1 @@
-"""Programs that end by themselves, other than nodes."""
+"""Programs that are not nodes."""

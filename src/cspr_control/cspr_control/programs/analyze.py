@@ -32,8 +32,8 @@ DESCRIPTION = """\
 Analyse recorded runs: how well the motors followed, what the cables carried, how good the mass estimate was.
 
 BAG is a bag (a directory, or one of its .mcap files) or the directory of a run. Several bags of one robot
-are compared side by side. No ROS graph is needed or touched. The numbers are about the trajectory that was followed,
-or about the whole recording if there was none. Written into the output directory:
+are compared side by side. No ROS graph is needed or touched. The numbers cover the trajectory that was followed,
+or the whole recording if there was none. Written into the output directory:
 
   report.html      everything in one page that works from the file: tables, figures to zoom into, the robot in motion
   metrics.json     the numbers

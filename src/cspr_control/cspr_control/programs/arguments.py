@@ -31,7 +31,7 @@ def number(what: str, least: float, most: float = math.inf) -> Callable[[str], f
     return read
 
 
-seconds = number("a time in s of at least 0", 0.0)
+seconds = number("a time in s, 0 or more", 0.0)
 
 
 def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]]:
@@ -46,7 +46,9 @@ def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]
             )
         try:
             if nodes and node not in nodes:
-                raise ParameterError(f"{node!r} is not a node that has them here; {', '.join(nodes)} have")
+                raise ParameterError(
+                    f"parameters of {node!r} cannot be set here; choose from {', '.join(nodes)}"
+                )
             return node, parameter, value_from_text(node, parameter, value)
         except ParameterError as error:
             raise argparse.ArgumentTypeError(f"{text}: {error}") from error
@@ -84,7 +86,7 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, controllers: Any =
         "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
         help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
     )  # fmt: skip
-    mass = number("a mass in kg of at least 0", 0.0)
+    mass = number("a mass in kg, 0 or more", 0.0)
     add(
         "--payload", type=mass, default=100.0, metavar="KG",
         help="aboard from the start; default: %(default)s",

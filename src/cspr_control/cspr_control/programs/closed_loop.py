@@ -1,4 +1,4 @@
-"""Run the control graph on a simulated robot in simulated time, quicker than real time."""
+"""Run the control graph on a simulated robot in simulated time, faster than real time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from cspr_control.analysis.numbers.run_summary import format_summary
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
 from cspr_control.errors import ControlError
-from cspr_control.parameters.control_settings import NODES
 from cspr_control.programs.arguments import (
     add_experiment_arguments,
     chosen_experiment,
@@ -99,7 +98,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--plant", action="store_true", help="the plant alone, without drivers, buses and devices")
     add("--seed", type=_seed, help="of the noise; default: that of simulation.yaml")
     add(
-        "--set", type=parameter(NODES), action="append", default=[], metavar="NODE.NAME=VALUE",
+        "--set", type=parameter(), action="append", default=[], metavar="NODE.NAME=VALUE",
         help="a parameter other than in control.yaml; several",
     )  # fmt: skip
     add("--bag", type=output_path, metavar="DIR", help="record all that is published, as the recorder does")
@@ -112,7 +111,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 0")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, 0 or more")
     return int(text)
 
 

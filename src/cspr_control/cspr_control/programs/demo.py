@@ -23,8 +23,10 @@ from cspr_control.demo.ros_domain import claim_domain
 from cspr_control.demo.scenario import Scenario, ros_arguments, ros_parameter
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+from cspr_control.parameters.control_settings import robot_file
 from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment, number
 from cspr_msgs_py.json_file import write_json
+from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.programs.command_line import program_parser, run_program
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
@@ -39,14 +41,14 @@ DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and report how well it did.
 
 Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
-moves to the start of the trajectory, follows it with a payload that the controller has not been told of, picks up
+moves to the start of the trajectory, follows it with a payload that the controller does not know of, picks up
 another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
 bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""
 EPILOG = """\
 examples:
   cspr demo                                    the feed-forward with the estimated mass, 100 kg aboard, +100 kg at 3 s
   cspr demo --controller static --payload 200 --add-payload none
-  cspr demo --controller pdff --exact-mass     the yardstick: the controller always knows the true mass
+  cspr demo --controller pdff --exact-mass     for comparison: the controller always knows the true mass
   cspr demo --compare                          all controllers one after the other, in one table
   cspr demo --trajectory smooth-19 --realtime  at rest at both ends; with real-time priority"""
 
@@ -101,7 +103,9 @@ def _run_and_report(scenario: Scenario, options: argparse.Namespace) -> tuple[Ru
         print(f"\n{format_runs([analysis])}")
     print(f"\n{format_summary(summary)}")
     if scenario.speed < 1.0:
-        print(f"  pace                  {scenario.speed:g} of real time; all times are the machine's")
+        print(
+            f"  pace                  {scenario.speed:g} of real time; times are on the simulated machine's clock"
+        )
     print(f"  recorded in           {directory}", flush=True)
     _report([analysis], figures=not options.compare)
     return summary, analysis
@@ -195,14 +199,17 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     scenario.copy_configuration(source, config)
     control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
     attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
+    robot = robot_file(ParameterFile.from_yaml(config / "control.yaml"))
+    robot_arguments = ros_arguments(config, can_config="can.yaml", simulation_config="simulation.yaml")
+    control_arguments = ros_arguments(config, robot_config=robot)
     output = ros_parameter("output", str(directory / "bag"))
     started = {
         "recorder": ["--ros-args", *output, *ros_parameter("attach", attached), *recorder_cpu],
-        "simulated_robot": ros_arguments(config) + scenario.robot_arguments() + robot_cpu,
-        "control": ros_arguments(config) + scenario.control_arguments() + control_cpu,
+        "simulated_robot": robot_arguments + scenario.robot_arguments() + robot_cpu,
+        "control": control_arguments + scenario.control_arguments() + control_cpu,
     }
     if markers:
-        started["robot_markers"] = ros_arguments(config) + recorder_cpu
+        started["robot_markers"] = control_arguments + recorder_cpu
 
     with ChildProcesses(directory / "log") as children, demo_client() as client:
         progress = Progress(scenario.label, client)

@@ -1,4 +1,4 @@
-"""The trajectories that can be asked for by name."""
+"""The trajectories by name."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
@@ -79,7 +80,9 @@ def make_trajectory(
         trajectory = PointToPoint(present, options.goal, options.limits)
     elif name in _SMOOTH:
         trajectory = SmoothTrajectory(_PRINTED[_SMOOTH[name]](robot.trajectory_center), options.blend_time)
-    else:
+    elif name in _PRINTED:
         trajectory = _PRINTED[name](robot.trajectory_center)
+    else:
+        raise TrajectoryError(f"{name.value} is not in {__name__}, which makes the trajectories")
     require_inside_workspace(trajectory, robot)
     return trajectory

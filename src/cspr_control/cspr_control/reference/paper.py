@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.reference.quintic import quintic
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import motion_from_euler
+from cspr_kinematics import Motion, motion_from_euler
 
 TILT = math.radians(5.0)
 """Rotation about x and about y of the tilted variant, rad."""
@@ -92,20 +91,12 @@ class PaperTrajectory:
         self._center = np.array(center, dtype=float)
         self._tilt = tilt
 
-    def sample(self, time: float) -> ReferencePoint:
+    def sample(self, time: float) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
         time = min(max(time, 0.0), self.duration)
-        position, velocity, acceleration = (np.array(row) * _MILLIMETRE for row in self._equation(time))
-        angle, rate, angular_acceleration = self._tilt_at(time)
-        motion = motion_from_euler(
-            self._center + position,
-            velocity,
-            acceleration,
-            (0.0, angle, angle),
-            (0.0, rate, rate),
-            (0.0, angular_acceleration, angular_acceleration),
-        )
-        return ReferencePoint(*motion)
+        position, velocity, acceleration = np.array(self._equation(time)) * _MILLIMETRE
+        turning = np.array([(0.0, tilt, tilt) for tilt in self._tilt_at(time)])  # and its two derivatives
+        return motion_from_euler(self._center + position, velocity, acceleration, *turning)
 
     def _tilt_at(self, time: float) -> tuple[float, float, float]:
         if time <= self.switch_time:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.path_time import slowing_to_rest
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
-from cspr_control.reference.reference_point import ReferencePoint
 from cspr_control.reference.trajectory import Trajectory
-from cspr_kinematics import Pose
+from cspr_kinematics import Motion, Pose
 from cspr_msgs_py.vocabulary import UNDER_WAY, TrajectoryPhase
 
 SECOND = 1_000_000_000
@@ -37,7 +36,7 @@ class TrajectoryPlayer:
     start_time, end_time
         When it begins, and when it ends unless it is stopped, ROS time, ns; 0 before the first.
     interruption
-        Why the trajectory last started was given up by itself; empty if it was not.
+        Why the player gave up the trajectory last started; empty if it did not.
     held_pose
         Where the reference rests; while it moves, where it last rested or will come to rest.
     """
@@ -104,7 +103,7 @@ class TrajectoryPlayer:
         self._next = None
         self.phase = TrajectoryPhase.STOPPING
 
-    def sample(self, time: int) -> ReferencePoint | None:
+    def sample(self, time: int) -> Motion | None:
         """Return the reference at ``time`` (ROS time, ns); None while no pose is known.
 
         A time a little before the last one counts as that; a longer step back is a clock that was set, and
@@ -123,12 +122,12 @@ class TrajectoryPlayer:
         self._pose = reference.pose
         return reference
 
-    def _advance(self, held: Pose, time: int) -> ReferencePoint:
+    def _advance(self, held: Pose, time: int) -> Motion:
         if self.phase is TrajectoryPhase.APPROACH and time >= self.start_time:
             self._followed, self._followed_since, self._next = self._next, self.start_time, None
             self.phase = TrajectoryPhase.RUNNING
         if self._followed is None:
-            return ReferencePoint.at_rest(held)
+            return Motion.at_rest(held)
         if self.phase is TrajectoryPhase.STOPPING:
             return self._sample_stopping(self._followed, time)
         elapsed = self._elapsed(time)
@@ -136,23 +135,23 @@ class TrajectoryPlayer:
             return self._followed.sample(elapsed)
         if self.phase is TrajectoryPhase.RUNNING:
             return self._rest(self._followed, self._followed.duration, TrajectoryPhase.FINISHED)
-        return ReferencePoint.at_rest(held)
+        return Motion.at_rest(held)
 
     def _elapsed(self, time: int) -> float:
         return (time - self._followed_since) / SECOND
 
-    def _sample_stopping(self, followed: Trajectory, time: int) -> ReferencePoint:
+    def _sample_stopping(self, followed: Trajectory, time: int) -> Motion:
         elapsed = (time - self._stop_since) / SECOND
         path_time = slowing_to_rest(elapsed, self._stop_from, self.stop_time)
         if elapsed >= self.stop_time or path_time.value >= followed.duration:
             return self._rest(followed, path_time.value, TrajectoryPhase.HOLD)
         return followed.sample(path_time.value).scaled_in_time(path_time.rate, path_time.acceleration)
 
-    def _rest(self, followed: Trajectory, path_time: float, phase: TrajectoryPhase) -> ReferencePoint:
+    def _rest(self, followed: Trajectory, path_time: float, phase: TrajectoryPhase) -> Motion:
         self.held_pose = followed.sample(path_time).pose
         self._followed = None
         self.phase = phase
-        return ReferencePoint.at_rest(self.held_pose)
+        return Motion.at_rest(self.held_pose)
 
 
 def _gap_text(gap: float, limit: float) -> str:

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.quintic import quintic, quintic_duration
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import Acceleration, Pose, Twist
+from cspr_kinematics import Acceleration, Motion, Pose, Twist
 
 
 @dataclass(frozen=True)
@@ -67,15 +66,15 @@ class PointToPoint:
             ),
         )
 
-    def sample(self, time: float) -> ReferencePoint:
+    def sample(self, time: float) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
         time = max(time, 0.0)
         if time >= self.duration:
-            return ReferencePoint.at_rest(self._goal)
+            return Motion.at_rest(self._goal)
         value, first, second = quintic(time / self.duration)
         rate, acceleration = first / self.duration, second / self.duration**2
         rotation = Rotation.from_rotvec(value * self._turn).as_matrix() @ self._start.rotation
-        return ReferencePoint(
+        return Motion(
             Pose.trusted(self._start.position + value * self._line, rotation),
             Twist(rate * self._line, rate * self._turn),
             Acceleration(acceleration * self._line, acceleration * self._turn),

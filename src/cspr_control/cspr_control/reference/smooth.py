@@ -5,7 +5,7 @@ from __future__ import annotations
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import PaperTrajectory
 from cspr_control.reference.path_time import rest_to_rest
-from cspr_control.reference.reference_point import ReferencePoint
+from cspr_kinematics import Motion
 
 
 class SmoothTrajectory:
@@ -42,7 +42,7 @@ class SmoothTrajectory:
         self._path = path
         self._blend_time = blend_time
 
-    def sample(self, time: float) -> ReferencePoint:
+    def sample(self, time: float) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
         if time <= self.switch_time:
             begin, end, elapsed = 0.0, self._path.switch_time, time

@@ -7,8 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from cspr_control.errors import TrajectoryError
-from cspr_control.reference.reference_point import ReferencePoint
-from cspr_kinematics import Pose, Robot
+from cspr_kinematics import Motion, Pose, Robot
 
 WORKSPACE_CHECK_POINTS = 41
 """Number of points, equally spaced in time, at which a trajectory is compared with the workspace."""
@@ -25,7 +24,7 @@ class Trajectory(Protocol):
     def duration(self) -> float:
         """Length in time, s."""
 
-    def sample(self, time: float) -> ReferencePoint:
+    def sample(self, time: float) -> Motion:
         """Return the reference at ``time`` since the start, s; outside [0, duration] at the nearer end."""
 
 
@@ -46,9 +45,9 @@ class Hold:
         if not duration >= 0.0:
             raise TrajectoryError(f"hold: the duration is {duration} s; it must not be negative")
         self.duration = duration
-        self._point = ReferencePoint.at_rest(pose)
+        self._point = Motion.at_rest(pose)
 
-    def sample(self, time: float) -> ReferencePoint:
+    def sample(self, time: float) -> Motion:
         """Return the pose, at rest, at any time."""
         return self._point
 

@@ -1,1 +1,1 @@
-"""Payload estimator and feed-forward once more over a recording."""
+"""Payload estimator and feed-forward re-run over a recording."""

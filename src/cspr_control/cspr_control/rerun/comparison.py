@@ -17,7 +17,7 @@ from cspr_msgs_py.bag.columns import Inertias, JointStates
 
 @dataclass(frozen=True)
 class Difference:
-    """Re-run less recorded, over all values of matching messages; zeros if nothing matches."""
+    """Re-run minus recorded, over all values of matching messages; zeros if nothing matches."""
 
     maximum: float
     rms: float

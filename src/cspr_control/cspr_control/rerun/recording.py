@@ -11,12 +11,13 @@ from cspr_control.analysis.configuration import read_configuration
 from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, robot_clock
 from cspr_control.analysis.timeline import Clock, Timeline, read_timeline
 from cspr_control.errors import ControlError, SettingError
+from cspr_control.parameters.settings import NoticedValues
 from cspr_control.rerun.rerun import Schedule
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.columns import JointStates
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.errors import BagError, ParameterError
-from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.file import ParameterFile, require_heard
 from cspr_msgs_py.parameters.table import parameter_values
 from cspr_msgs_py.wire.parameter_events import TOPIC as PARAMETER_EVENTS
 from cspr_msgs_py.wire.parameter_events import ParameterEvent, decode_parameter_event
@@ -158,7 +159,10 @@ def schedule(
     try:
         recorded = parameter_values(node, recording.parameters.of(node), declared)
         values = recorded
-        settings = [(0, build(parameter_values(node, recorded, given)))]
+        first = NoticedValues(parameter_values(node, recorded, given))
+        settings = [(0, build(first))]
+        for name in given:
+            require_heard("re-run", node, name, {node: first.names})
         for time, event in events:
             changed = {name: value for name, value in event.changed.items() if name in recorded}
             if changed:

@@ -1,4 +1,4 @@
-"""The payload estimator and the feed-forward once more over what was recorded, sample by sample.
+"""The payload estimator and the feed-forward re-run over what was recorded, sample by sample.
 
 The components of the control graph, fed in the order and at the times at which the messages arrived. Nothing here
 depends on the machine's clock or load: the same recording gives the same numbers.

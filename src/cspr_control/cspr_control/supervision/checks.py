@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from cspr_control.supervision.debounce import Debounce
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
 
-class MonitoredInput(Enum):
+class MonitoredInput(StrEnum):
     """Inputs whose age is watched, by the topic that brings them."""
 
     MOTOR_STATES = "/motor_states"
@@ -24,7 +24,7 @@ class MonitoredInput(Enum):
     DRIVE_STATES = "/drive_states"
 
 
-class FaultKind(Enum):
+class FaultKind(StrEnum):
     """What made the supervisor stop the robot."""
 
     STALE_TOPIC = "stale topic"
@@ -62,7 +62,7 @@ class Fault:
 
 
 _CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE)
-"""Inputs that the motors do not need to follow the reference to its rest."""
+"""Inputs that the motors do not need to follow the reference until it comes to rest."""
 
 
 @dataclass(frozen=True)
@@ -167,22 +167,22 @@ class SupervisionChecks:
         self._arrivals[source] = time
 
     def observe_motors(self, time: float, sample: JointStateSample) -> None:
-        """Take over measured motor angles, rad, speeds, rad/s, and torques, N m. (m,) each."""
+        """Store measured motor angles, rad, speeds, rad/s, and torques, N m. (m,) each."""
         self.observe_arrival(MonitoredInput.MOTOR_STATES, time)
         self._measured = sample
 
     def observe_pose(self, time: float, position: NDArray[np.float64]) -> None:
-        """Take over the position of the platform (3,), m in base."""
+        """Store the position of the platform (3,), m in base."""
         self.observe_arrival(MonitoredInput.PLATFORM_POSE, time)
         self._position = position
 
     def observe_setpoint(self, time: float, sample: JointStateSample) -> None:
-        """Take over desired motor angles (m,), rad, and speeds (m,), rad/s."""
+        """Store desired motor angles (m,), rad, and speeds (m,), rad/s."""
         self.observe_arrival(MonitoredInput.SETPOINT, time)
         self._desired = sample
 
     def observe_tensions(self, time: float, tensions: NDArray[np.float64]) -> None:
-        """Take over measured cable tensions (m,), N."""
+        """Store measured cable tensions (m,), N."""
         self.observe_arrival(MonitoredInput.CABLE_TENSIONS, time)
         self._tensions_changed = np.where(tensions != self._tensions, time, self._tensions_changed)
         self._tensions = tensions
@@ -192,7 +192,7 @@ class SupervisionChecks:
         return time - self._arrivals[source]
 
     def following_errors(self) -> NDArray[np.float64]:
-        """Desired less measured motor angles (m,), rad, at the time of the measurement."""
+        """Desired minus measured motor angles (m,), rad, at the time of the measurement."""
         desired, measured = self._desired, self._measured
         ahead = (measured.stamp_ns - desired.stamp_ns) * 1e-9
         return np.asarray(desired.position + desired.velocity * ahead - measured.position)

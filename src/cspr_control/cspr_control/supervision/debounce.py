@@ -35,7 +35,7 @@ class Debounce:
         self._since.fill(np.inf)
 
     def update(self, time: float, violated: ArrayLike) -> int | None:
-        """Take over which of the m violate the limit at ``time`` (monotonic, s).
+        """Note which of the m violate the limit at ``time`` (monotonic, s).
 
         Returns
         -------

@@ -1,6 +1,6 @@
 """The supervisor's state machine: what the operator may do, and what happens when something is wrong.
 
-Pure: it is told what happened and when, and answers with actions for its node to carry out. No path leads
+Pure: it takes what happened and when, and returns actions for its node to carry out. No path leads
 from a fault, or from disabled, to enabled without the operator's command.
 """
 
@@ -20,7 +20,7 @@ from cspr_control.supervision.checks import (
 from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
 
 _INSISTENCE = 0.2
-"""Time after which a quick stop that has not worked is asked for again, s."""
+"""Time after which a quick stop that has not worked is repeated, s."""
 
 
 class Action(Enum):
@@ -105,7 +105,7 @@ class Supervisor:
         if obstacle is not None:
             return Decision(False, f"refused: {obstacle}")
         self.remark = ""
-        self.recording_problem = ""  # whoever enables without a recording does not want one
+        self.recording_problem = ""  # an operator who enables without a recording does not want one
         self.checks.clear()
         self._enter(RobotState.ENABLING, time)
         self._actions.append(Action.ENABLE_DRIVES)
@@ -136,12 +136,12 @@ class Supervisor:
         return Decision(True, "resetting the fault; enable the robot anew when its state is disabled")
 
     def observe_drives(self, time: float, state: DriverState, cause: str = "") -> None:
-        """Take over the state of the drives."""
+        """Store the state of the drives."""
         self.checks.observe_arrival(MonitoredInput.DRIVE_STATES, time)
         self._drives, self._drives_cause = state, cause
 
     def answered(self, time: float, action: Action, accepted: bool, message: str) -> None:
-        """Take over the answer to an action; one that nobody answers counts as refused."""
+        """Process the answer to an action; no answer counts as refused."""
         if action is Action.STOP_TRAJECTORY:
             # Refused or unheard: rather close the brakes while the reference moves than not at all.
             self._trajectory_stopped = True
@@ -159,7 +159,7 @@ class Supervisor:
             self.fault = Fault(FaultKind.DRIVE_FAULT, f"the drives were not reset: {message}")
 
     def update(self, time: float) -> tuple[Action, ...]:
-        """Judge the situation and return what is to be done, in this order."""
+        """Run the checks and return what is to be done, in this order."""
         if self.state is RobotState.FAULT:
             self._update_fault(time)
         else:

@@ -100,7 +100,7 @@ def _open_problem(error: Exception, config: BusConfig) -> str:
 
 
 def _known_cob_ids(config: CanConfig, bus: str) -> set[int]:
-    """Return the COB-IDs that may be seen on a bus, whoever in this or another process handles them."""
+    """Return the COB-IDs that may be seen on a bus, no matter which process handles them."""
     nodes = [drive.node_id for drive in config.drives if drive.bus == bus]
     nodes += [cell.node_id for cell in config.load_cells if cell.bus == bus]
     known = {cob_id(function, node) for function in FunctionCode for node in nodes}

@@ -124,7 +124,7 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
             raise can.CanOperationError(error.strerror or str(error), error.errno) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        # The kernel reports once that an interface is gone, to whoever asks first: sender or receiver.
+        # The kernel reports once that an interface is gone, to the sender or to the receiver.
         if self._gone:
             self._open_again()
         try:

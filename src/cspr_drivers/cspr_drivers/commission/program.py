@@ -12,7 +12,7 @@ from types import FrameType
 from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.commission.configuration_file import difference, new_text
 from cspr_drivers.commission.findings import Findings, FindingsFile
-from cspr_drivers.commission.master_heartbeat import MasterHeartbeat
+from cspr_drivers.commission.master_heartbeat import master_heartbeat
 from cspr_drivers.commission.operator import QUESTIONS, FileOperator, Operator, WalkStoppedError
 from cspr_drivers.commission.walk import Walk
 from cspr_drivers.config.can_config import CanConfig
@@ -102,7 +102,7 @@ def commission(
     ports = open_ports(can, filtered=False)
     try:
         ports.require_no_driver(can.master_node_id, 10.0 * can.timeouts.heartbeat_producer)
-        with MasterHeartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
+        with master_heartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
             Walk(can, ports, _transmission_ratio(robot), torque, operator, findings, kept.save).run()
     finally:
         ports.close()

@@ -25,7 +25,7 @@ _STIFF = 1.0  # rad off its way at which the motor has all of the torque that it
 _DAMPING = 0.1  # s; of a speed, by which the torque is reduced, in units of the way
 _NEAR = 0.5  # rad that count as arrived: less than a millimetre of cable
 _PATIENCE = 5.0  # s beyond the time of the way itself
-_RUNAWAY = 3.0  # times the travel asked for
+_RUNAWAY = 3.0  # times the commanded travel
 
 
 class SingleDrive:

@@ -207,7 +207,7 @@ class Walk:
             names = [self._name(device) for device in free]
             if changes[largest] < _CLEAR_PULL:
                 self.ask.tell(f"   no reading changed by {_CLEAR_PULL:g} N: pull harder")
-                if not self.ask.yes(f"again.{place}", "   Once more?"):
+                if not self.ask.yes(f"again.{place}", "   Try again?"):
                     raise WalkStoppedError(f"no load cell found for cable {place}")
                 continue
             self.ask.tell(f"   {names[largest]} changed most, by {changes[largest]:.0f} N")

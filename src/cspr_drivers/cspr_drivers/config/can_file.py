@@ -64,7 +64,7 @@ class LoadCellChecks:
 
 @dataclass(frozen=True)
 class TorqueCheck:
-    """When a drive counts as one that does not apply the torque it was told.
+    """When a drive counts as one that does not apply the commanded torque.
 
     Attributes
     ----------
@@ -81,6 +81,8 @@ class TorqueCheck:
 @dataclass(frozen=True, kw_only=True)
 class CanValues:
     """What is used as it stands in the file.
+
+    A key that only some drives need has a default, the value of all others, whose files need not name it.
 
     Attributes
     ----------
@@ -112,7 +114,7 @@ class CanValues:
     bus_load_limit: Annotated[float, Meta(gt=0.0, le=1.0)]
     master_node_id: NodeId
     velocity_source: VelocitySource
-    velocity_filter: NotNegative
+    velocity_filter: NotNegative = 0.0
     emergency_stop_input: EmergencyStopInput | None
     brake_open_bit: Literal[8, 14, 15]
     option_codes: OptionCodes

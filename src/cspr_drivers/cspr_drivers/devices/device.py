@@ -9,6 +9,7 @@ from typing import Any
 
 import can
 import canopen
+from canopen.sdo.exceptions import SdoError
 
 from cspr_drivers.bus.can_bus import CanPort
 from cspr_drivers.canopen.nmt import NmtCommand, NmtState, nmt_state_text
@@ -23,6 +24,9 @@ _ATTEMPTS = 2
 # Abort codes with which a device says that it does not have an object (CiA 301, section 7.2.4.3.17).
 _ABSENT = (0x0602_0000, 0x0609_0011)
 
+# Bytes of every SDO message, and the first one of those that abort a transfer (CiA 301, section 7.2.4.3).
+_SDO_SIZE, _ABORTED = 8, 0x80
+
 
 class _SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # canopen's classes count as untyped
     """An SDO client that waits for answers by the clock of the machine."""
@@ -33,13 +37,20 @@ class _SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # canopen's clas
         self._timeout = timeout
 
     def read_response(self) -> bytes:
-        """Return the answer to a request, as canopen's own client does."""
+        """Return the answer to a request, as canopen's own client does; refuse one that is cut off."""
         try:
-            answer = self._clock.take(self.responses, self._timeout)
+            answer: bytes = self._clock.take(self.responses, self._timeout)
         except Empty:
-            raise canopen.SdoCommunicationError("no answer") from None
-        self.responses.put(answer)
-        return bytes(super().read_response())
+            raise _NoAnswer from None
+        if len(answer) < _SDO_SIZE:
+            raise SdoError(f"it answers with {_content(answer)}, not {_SDO_SIZE}")
+        if answer[0] == _ABORTED:
+            raise canopen.SdoAbortedError(int.from_bytes(answer[4:], "little"))
+        return answer
+
+
+class _NoAnswer(canopen.SdoCommunicationError):  # type: ignore[misc]
+    """No answer came in time."""
 
 
 class CanopenDevice:
@@ -104,9 +115,14 @@ class CanopenDevice:
         Raises
         ------
         DeviceError
-            If the device does not answer, or refuses.
+            If the device does not answer, refuses, or answers with fewer bytes than the object has.
         """
-        return parameter.decode(self._transfer(parameter, "read", _ATTEMPTS, self._node.sdo.upload))
+        data = self._transfer(parameter, "read", _ATTEMPTS, self._node.sdo.upload)
+        if 8 * len(data) < parameter.bits:
+            raise DeviceError(
+                self.name, f"{parameter} read: its content is {_content(data)}, not {parameter.bits // 8}"
+            )
+        return parameter.decode(data)
 
     def read_if_present(self, parameter: Parameter) -> int | None:
         """Return the number in an object, `None` if the device has no such object; else as `read`."""
@@ -247,11 +263,21 @@ class CanopenDevice:
             except canopen.SdoAbortedError as error:
                 problem = f"refuses {parameter} {what}: {abort_text(error.code)}"
                 raise DeviceError(self.name, problem) from error
-            except canopen.SdoCommunicationError:
-                if not attempts:
-                    raise DeviceError(self.name, "does not answer") from None
+            except SdoError as error:
+                if isinstance(error, canopen.SdoCommunicationError) and attempts:
+                    continue
+                problem = (
+                    "does not answer" if isinstance(error, _NoAnswer) else f"{parameter} {what}: {error}"
+                )
+                raise DeviceError(self.name, problem) from error
             except can.CanError as error:
                 raise DeviceError(self.name, f"cannot be reached: {error}") from None
+
+
+def _content(data: bytes) -> str:
+    """Return bytes for messages, such as ``2 bytes (43 41)``."""
+    number = f"{len(data)} byte{'' if len(data) == 1 else 's'}"
+    return f"{number} ({data.hex(' ')})" if data else number
 
 
 def leave_operational(devices: Iterable[CanopenDevice]) -> None:

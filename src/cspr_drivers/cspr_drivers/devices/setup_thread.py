@@ -6,6 +6,7 @@ A wrong device is not asked again until a device restarts in its place.
 from __future__ import annotations
 
 import threading
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from queue import Empty, SimpleQueue
@@ -24,7 +25,8 @@ class SetupThread:
     names
         Names of the devices, for messages.
     configure
-        Configures the device of an index; raises `DeviceError` when that fails. Called in this thread.
+        Configures the device of an index; raises `DeviceError` when that fails; what else it raises is a defect, which
+        is told as well and comes with its traceback on stderr. Called in this thread.
     allowed
         Whether devices may be configured now.
     report
@@ -99,14 +101,17 @@ class SetupThread:
             request = self._requests[index]
         try:
             self._configure(index)
-        except DeviceError as error:
+        except Exception as error:  # also a defect, so that it is told and the other devices are set up
+            problem = error.problem if isinstance(error, DeviceError) else f"{type(error).__name__}: {error}"
             with self._lock:
-                self._problems[index] = error.problem
+                self._problems[index] = problem
                 if isinstance(error, WrongDeviceError) and self._requests[index] == request:
                     self._wrong.add(index)
-            if self._reported.get(index) != error.problem:
-                self._reported[index] = error.problem
-                self._report(str(error))
+            if self._reported.get(index) != problem:
+                self._reported[index] = problem
+                self._report(f"{self._names[index]}: {problem}")
+                if not isinstance(error, DeviceError):
+                    traceback.print_exception(error)
             return
         with self._lock:
             # A restart reported meanwhile calls for one more round.

@@ -1,7 +1,7 @@
 """The control cycle of all drives: frames, commands and moments in, motor states and frames to be sent out.
 
-It has no bus, no thread, no lock and no clock: times are arguments, in seconds of one monotonic clock. Whoever drives
-it serialises the calls, and sends the frames of each call before those of the next.
+It has no bus, no thread, no lock and no clock: times are arguments, in seconds of one monotonic clock. The
+caller serialises the calls, and sends the frames of each call before those of the next.
 """
 
 from __future__ import annotations
@@ -53,9 +53,7 @@ class DriveCycle:
     def __init__(self, config: CanConfig) -> None:
         count = len(config.drives)
         self.config = config
-        self.group = DriveGroup(
-            [drive.name for drive in config.drives], config.brake_open_bit, config.timeouts
-        )
+        self.group = DriveGroup(config)
         self._feedback = MotorFeedback(config)
         self.watch = CycleWatch(count, self._feedback.frames)
         self.facts: list[DriveFacts | None] = [None] * count

@@ -7,12 +7,12 @@ sends nothing and reads no clock: times are arguments, in seconds of one monoton
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 from cspr_drivers.canopen.cia402 import Command, State, Target, decode_state, next_control_word
 from cspr_drivers.canopen.emergency import Emergency, after, is_error
-from cspr_drivers.config.timeouts import Timeouts
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import in_words
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.transition_watch import TransitionWatch
@@ -36,12 +36,8 @@ class DriveGroup:
 
     Parameters
     ----------
-    names
-        Names of the drives (m).
-    brake_open_bit
-        Bit of the status word that is set while the brake is open.
-    timeouts
-        `command`, `feedback`, `transition`, `enable` and `stop` are used here.
+    config
+        Names of the drives (m), the bit that says that a brake is open, and the limits in time.
 
     Attributes
     ----------
@@ -53,14 +49,15 @@ class DriveGroup:
         Control word that each drive should have (m).
     """
 
-    def __init__(self, names: Sequence[str], brake_open_bit: int, timeouts: Timeouts) -> None:
-        self._drives = [DriveStatus(name) for name in names]
-        self._everyone = frozenset(range(len(names)))
-        self._heard = [-math.inf] * len(names)
-        self._commanded = [-math.inf] * len(names)
-        self._brake_open = 1 << brake_open_bit
-        self._timeouts = timeouts
-        self._watch = TransitionWatch(len(names), timeouts)
+    def __init__(self, config: CanConfig) -> None:
+        count = len(config.drives)
+        self._drives = [DriveStatus(drive.name) for drive in config.drives]
+        self._everyone = frozenset(range(count))
+        self._heard = [-math.inf] * count
+        self._commanded = [-math.inf] * count
+        self._brake_open = 1 << config.brake_open_bit
+        self._timeouts = config.timeouts
+        self._watch = TransitionWatch(count, config.timeouts)
         self.state = DriverState.NOT_READY
         self.cause = "drives are not configured yet"
         self._since = 0.0
@@ -199,7 +196,7 @@ class DriveGroup:
             self._rest(time)
         elif self.state is DriverState.FAULT:
             self._hold_fault(time)
-        elif cause := self._trouble(time):
+        elif cause := self._fault_cause(time):
             self.quick_stop(cause, time)
         elif self.state is DriverState.ENABLING:
             self._release(time)
@@ -289,14 +286,14 @@ class DriveGroup:
         if faulty := [drive.describe() for drive in reporting if drive.state in _FAULTY]:
             self.quick_stop("; ".join(faulty), time)
             return
-        reasons = {d.name: self._restless(d, index in present) for index, d in enumerate(self._drives)}
+        reasons = {d.name: self._why_not_at_rest(d, index in present) for index, d in enumerate(self._drives)}
         if cause := in_words({name: reason for name, reason in reasons.items() if reason}):
             self._enter(DriverState.NOT_READY, cause, time)
         elif self.state is DriverState.NOT_READY:
             self._enter(DriverState.DISABLED, "", time)
 
     @staticmethod
-    def _restless(drive: DriveStatus, present: bool) -> str:
+    def _why_not_at_rest(drive: DriveStatus, present: bool) -> str:
         """Return why a drive is not at rest and ready, or an empty text."""
         if drive.unavailable:
             return drive.unavailable
@@ -308,7 +305,7 @@ class DriveGroup:
             return f"is in {drive.state_name}"
         return "its brake is open" if drive.brake_open else ""
 
-    def _trouble(self, time: float) -> str:
+    def _fault_cause(self, time: float) -> str:
         """Return why the drives cannot go on, or an empty text."""
         for index, drive in enumerate(self._drives):
             if drive.state in _FAULTY:

@@ -1,9 +1,9 @@
 """The driver of all drives: a shell around the control cycle that sends what the cycle returns.
 
-Three kinds of threads meet here: the cycle clock, the receiving thread of each bus, and whoever calls `command` and
-the operator's methods. One lock guards the state of the cycle and is held neither while frames are sent nor while
-motor states are published. Whoever makes frames holds another one until they are sent, so that no frame overtakes one
-that was made before it.
+Three kinds of threads meet here: the cycle clock, the receiving thread of each bus, and the callers of `command`
+and of the operator's methods. One lock guards the state of the cycle and is held neither while frames are sent nor
+while motor states are published. A thread that makes frames holds another one until they are sent, so that no frame
+overtakes one that was made before it.
 """
 
 from __future__ import annotations

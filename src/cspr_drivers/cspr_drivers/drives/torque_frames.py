@@ -26,7 +26,7 @@ def command_fault(torque: float, limit: float, age: float, timeout: float) -> Co
     Parameters
     ----------
     torque, limit
-        Torque demanded, and the largest one, N m.
+        Commanded torque, and the largest allowed one, N m.
     age, timeout
         Stamp of the newest motor states less that of the command, and the largest age, s.
     """
@@ -62,7 +62,7 @@ class Frame(NamedTuple):
 
 
 class TorqueFrame:
-    """What one drive is told.
+    """The RPDO of one drive.
 
     Parameters
     ----------

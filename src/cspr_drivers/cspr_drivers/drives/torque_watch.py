@@ -9,7 +9,7 @@ from cspr_drivers.config.can_file import TorqueCheck
 
 
 class TorqueWatch:
-    """The torque that each drive was told, the one it applies, and since when the two differ.
+    """The torque commanded of each drive, the one it applies, and since when the two differ.
 
     A command that comes late in a cycle shows one answer later: an answer that fits the previous command is not wrong.
     Torques in N m at the motor shaft, times in s of one monotonic clock.
@@ -30,11 +30,11 @@ class TorqueWatch:
         self._since: list[float | None] = [None] * count
 
     def told(self, index: int, torque: float) -> None:
-        """Note the torque that a drive is told to apply from now on."""
+        """Note the torque that is commanded of a drive from now on."""
         self._told[index] = torque
 
     def answered(self, index: int, torque: float, time: float, operates: bool) -> str:
-        """Check the torque that a drive says it applies; return what is wrong with it, or an empty text.
+        """Check the torque that a drive reports; return what is wrong with it, or an empty text.
 
         Parameters
         ----------

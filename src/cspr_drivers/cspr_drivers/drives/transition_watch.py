@@ -9,7 +9,7 @@ from cspr_drivers.config.timeouts import Timeouts
 
 
 class TransitionWatch:
-    """Since when each drive has been asked for a transition. Times are arguments, s.
+    """Since when each drive has had a transition to make. Times are arguments, s.
 
     Parameters
     ----------
@@ -24,11 +24,11 @@ class TransitionWatch:
         self._asked: list[tuple[Transition, float] | None] = [None] * count
 
     def clear(self) -> None:
-        """Forget what was asked for."""
+        """Forget all transitions under way."""
         self._asked = [None] * len(self._asked)
 
     def overdue(self, states: Sequence[State | None], words: Sequence[int], time: float) -> dict[int, str]:
-        """Return, by index and in words, which drives have not made the transition that they are asked for.
+        """Return, by index and in words, which drives have not made the transition that was commanded.
 
         Parameters
         ----------

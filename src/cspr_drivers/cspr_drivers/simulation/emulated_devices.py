@@ -24,7 +24,7 @@ LOAD_CELL_EDS = "cia404_load_cell.eds"
 
 
 class EmulatedDevices:
-    """The devices of `can.yaml`, on no bus yet; whoever keeps the time calls `measure` and `tick`, with plant times, s.
+    """The devices of `can.yaml`, on no bus yet; the owner of the clock calls `measure` and `tick` with plant times, s.
 
     Parameters
     ----------
@@ -66,15 +66,9 @@ class EmulatedDevices:
         self.machine = machine = SharedPlant(plant, simulation.payload_changes, clock)
         self.drives = tuple(
             DriveEmulator(
-                config,
-                eds_directory / DRIVE_EDS,
-                machine,
-                index,
-                simulation.brake,
-                simulation.drive,
-                can_config.brake_open_bit,
+                can_config, index, eds_directory / DRIVE_EDS, machine, simulation.brake, simulation.drive
             )
-            for index, config in enumerate(can_config.drives)
+            for index in range(len(can_config.drives))
         )
         eds = eds_directory / LOAD_CELL_EDS
         self.load_cells = tuple(

@@ -42,9 +42,9 @@ class InjectedFault(Enum):
     DRIVE_RESET = "drive_reset", "its supply fails for a moment, and it boots"
     DRIVE_FAULT = "drive_fault", "overtemperature of its power stage: fault"
     DRIVE_EMERGENCY = "drive_emergency", "it reports undervoltage by EMCY and goes on"
-    DRIVE_WRONG_MODE = "drive_wrong_mode", "it leaves cyclic synchronous torque mode by itself"
-    DRIVE_RUNAWAY = "drive_runaway", "it applies all its torque, to pay out"
-    DRIVE_PULLING = "drive_pulling", "it applies three fifths of its torque, to take in"
+    DRIVE_WRONG_MODE = "drive_wrong_mode", "it leaves cyclic synchronous torque mode on its own"
+    DRIVE_RUNAWAY = "drive_runaway", "it applies its full torque, paying out"
+    DRIVE_PULLING = "drive_pulling", "it applies three fifths of its torque, winding in"
     WINCH_BLOCKED = "winch_blocked", "the brake holds although the drive says that it is open"
     BRAKE_WEAK = "brake_weak", "the brake holds a twentieth of its torque from the next time it closes"
     LOAD_CELL_SILENT = "load_cell_silent", "its amplifier is unplugged"
@@ -160,7 +160,7 @@ class FaultInjector:
             places = {f"{prefix}{index + 1}": index for index in range(len(self.drives))}
         if place not in places:
             raise DriverError(
-                f"{name}: there is no '{place}' it could happen to; say '{name} PLACE' with one of "
+                f"{name}: '{place}' is not a valid place; use '{name} PLACE' with one of "
                 f"{', '.join(filter(None, places))}"
             )
         return FaultOrder(fault, places[place])

@@ -84,7 +84,7 @@ class RobotEmulator(EmulatedDevices):
     ) -> None:
         super().__init__(can_config, simulation, plant, eds_directory, clock)
         self._clock = clock
-        # The torques of a cycle are applied while the amplifiers convert, or by the next SYNC: whoever sends them
+        # The torques of a cycle are applied while the amplifiers convert, or by the next SYNC: their sender
         # need not wait for the plant.
         self.machine.inputs_at_once = 2 * len(self.drives)
         self._networks: list[canopen.Network] = []

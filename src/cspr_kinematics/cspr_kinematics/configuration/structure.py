@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import NoneType, UnionType
@@ -17,7 +18,6 @@ import msgspec
 from msgspec import Meta
 from msgspec.inspect import EnumType, FloatType, IntType, LiteralType, Metadata, type_info
 
-from cspr_kinematics.configuration.yaml_file import is_finite
 from cspr_kinematics.errors import ConfigurationFileError, InvalidInputError
 
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -144,7 +144,7 @@ def _fault(kind: Any, value: object) -> str:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     try:
         msgspec.convert(value, kind)
-        fits = not number or is_finite(value)  # type: ignore[arg-type]
+        fits = not number or _is_finite(value)  # type: ignore[arg-type]
     except msgspec.ValidationError:
         fits = False
     if fits:
@@ -154,7 +154,7 @@ def _fault(kind: Any, value: object) -> str:
         why = f", {(info.extra_json_schema or {}).get('description', '')}"
         info = info.type
     if isinstance(info, FloatType):
-        if not number or not is_finite(value):  # type: ignore[arg-type]
+        if not number or not _is_finite(value):  # type: ignore[arg-type]
             return f"must be a finite number{_hint(value)}"
         return f"must {_bound(info, value)}{why}"  # type: ignore[arg-type]
     if isinstance(info, IntType):
@@ -164,6 +164,14 @@ def _fault(kind: Any, value: object) -> str:
         choices = get_args(bare) if get_origin(bare) is Literal else [entry.value for entry in bare]
         return f"must be one of {', '.join(map(str, choices))}{why}"
     return "must be a non-empty text"
+
+
+def _is_finite(value: float) -> bool:
+    """Return whether a number is finite as a double; there is no end to Python's whole numbers."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def _bound(info: FloatType, value: float) -> str:

@@ -1,4 +1,4 @@
-"""The one way in which configuration files are read: YAML whose keys are unique and whose numbers are finite.
+"""The one way in which configuration files are read: YAML whose keys are unique.
 
 The dialect is the one in which ROS reads parameter files: YAML 1.1, where ``on`` is a truth value and ``010`` is eight,
 without aliases. `cspr_msgs_py.parameters.file` reads those the same way; a test feeds both the same spellings.
@@ -6,9 +6,7 @@ without aliases. `cspr_msgs_py.parameters.file` reads those the same way; a test
 
 from __future__ import annotations
 
-import math
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +54,7 @@ def read_yaml(path: str | Path, remedy: str = "") -> dict[Any, Any]:
     Raises
     ------
     ConfigurationFileError
-        If the file cannot be read, is not YAML, is no mapping, repeats a key, or has a number that is not finite.
+        If the file cannot be read, is not YAML, is no mapping, or repeats a key.
     """
     try:
         text = Path(path).read_bytes()
@@ -77,42 +75,18 @@ def parse_yaml(text: str | bytes, source: str, remedy: str = "") -> dict[Any, An
     try:
         decoded = text.decode("utf-8") if isinstance(text, bytes) else text
         content = _yaml("safe").load(decoded)
-        numbers = list(_numbers(content, ""))
     except Exception as error:  # no text, no number, no end of brackets or aliases, a tag that does not fit
         raise ConfigurationFileError(source, None, None, f"is not valid YAML: {_described(error)}") from error
     if not isinstance(content, dict):
         problem = "is empty; it must be" if content is None else "must be"
         problem += " a mapping of keys to values"
         raise ConfigurationFileError(source, None, content, _with(problem, remedy))
-    for key, value in numbers:
-        if not is_finite(value):
-            raise ConfigurationFileError(source, key, value, "must be a finite number")
     return content
 
 
 def write_yaml(path: Path, content: dict[Any, Any]) -> None:
     """Write a configuration file that is read as it was meant."""
     _yaml("rt").dump(content, path)
-
-
-def is_finite(value: float) -> bool:
-    """Return whether a number is finite as a double; there is no end to Python's whole numbers."""
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
-
-
-def _numbers(content: object, key: str) -> Iterator[tuple[str, float]]:
-    """Yield all numbers with their paths, such as ``drives[0].scale``."""
-    if isinstance(content, dict):
-        for name, value in content.items():
-            yield from _numbers(value, f"{key}.{name}" if key else str(name))
-    elif isinstance(content, list):
-        for place, value in enumerate(content):
-            yield from _numbers(value, f"{key}[{place}]")
-    elif isinstance(content, int | float):
-        yield key, content
 
 
 def _described(error: Exception) -> str:

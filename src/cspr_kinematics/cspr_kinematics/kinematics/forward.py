@@ -153,7 +153,7 @@ def solve_forward_kinematics(
     InvalidInputError
         As in `forward_kinematics`.
     SingularWrenchMatrixError
-        If the covariance is asked for where lengths do not determine the pose.
+        If the covariance is requested where lengths do not determine the pose.
     """
     return _solution(_solve(robot, lengths, guess, max_residual, max_iterations, length_deviation))
 

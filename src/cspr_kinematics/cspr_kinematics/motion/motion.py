@@ -19,17 +19,44 @@ from cspr_kinematics.motion.so3 import cross
 # The direction of a quaternion shorter than this is spoilt by rounding.
 _SHORTEST_QUATERNION = 1e-6
 # What is given, for errors.
-_LINEAR = ("position", "velocity", "acceleration")
 _ANGLES = ("angles", "angle_rates", "angle_accelerations")
 _QUATERNIONS = ("quaternion_xyzw", "quaternion_rate", "quaternion_acceleration")
 
 
 class Motion(NamedTuple):
-    """State of motion of the platform: what `required_wrench` takes."""
+    """State of motion of the platform in base axes: what `required_wrench` takes. Finite, because its parts are."""
 
     pose: Pose
     twist: Twist
     acceleration: Acceleration
+
+    @classmethod
+    def at_rest(cls, pose: Pose) -> Motion:
+        """Return the motion of a platform that stays at `pose`."""
+        return cls(pose, Twist.zero(), Acceleration.zero())
+
+    def scaled_in_time(self, rate: float, acceleration: float) -> Motion:
+        """Return the motion at the same point of a path when path time sigma(t) runs at another pace.
+
+        By the chain rule the velocity is v sigma' and the acceleration a sigma'^2 + v sigma''; it holds for the angular
+        parts too, because the angular velocity is linear in the rate.
+
+        Parameters
+        ----------
+        rate : float
+            sigma', seconds of path a second; 1 leaves the motion as it is.
+        acceleration : float
+            sigma'', 1/s.
+        """
+        twist, a = self.twist, self.acceleration
+        return Motion(
+            self.pose,
+            Twist(twist.linear * rate, twist.angular * rate),
+            Acceleration(
+                a.linear * rate**2 + twist.linear * acceleration,
+                a.angular * rate**2 + twist.angular * acceleration,
+            ),
+        )
 
 
 def motion_from_euler(
@@ -58,7 +85,6 @@ def motion_from_euler(
     InvalidInputError
         If a value is not finite or has another shape, or the batch axes do not broadcast.
     """
-    p, v, a = _vectors(3, _LINEAR, (position, velocity, acceleration))
     turning = _vectors(3, _ANGLES, (angles, angle_rates, angle_accelerations))
     batch = _common_batch(_ANGLES, turning)
     n = math.prod(batch)
@@ -67,9 +93,7 @@ def motion_from_euler(
     )
     Q, omega, alpha = np.empty((*batch, 3, 3)), np.empty((*batch, 3)), np.empty((*batch, 3))
     euler_motions(angles, rates, growths, Q.reshape(n, 3, 3), omega.reshape(n, 3), alpha.reshape(n, 3))
-    if p.shape[:-1] != batch:
-        return Motion(Pose(p, Q), Twist(v, omega), Acceleration(a, alpha))
-    return Motion(Pose.trusted(np.array(p), Q), Twist(v, omega), Acceleration(a, alpha))
+    return Motion(Pose(position, Q), Twist(velocity, omega), Acceleration(acceleration, alpha))
 
 
 def motion_from_quaternion(
@@ -98,7 +122,6 @@ def motion_from_quaternion(
         If a value is not finite or has another shape, the batch axes do not broadcast, or a quaternion is
         zero.
     """
-    p, v, a = _vectors(3, _LINEAR, (position, velocity, acceleration))
     q, qd, qdd = _vectors(4, _QUATERNIONS, (quaternion_xyzw, quaternion_rate, quaternion_acceleration))
     _common_batch(_QUATERNIONS, (q, qd, qdd))
     square = np.einsum("...i,...i->...", q, q)[..., None]
@@ -108,7 +131,7 @@ def motion_from_quaternion(
     growth = 2.0 * np.einsum("...i,...i->...", q, qd)[..., None] / square
     alpha = 2.0 * _vector_of_product(qdd, q) / square - growth * omega
     rotation = Pose.from_quaternion(np.zeros(3), q / np.sqrt(square)).rotation
-    return Motion(Pose(p, rotation), Twist(v, omega), Acceleration(a, alpha))
+    return Motion(Pose(position, rotation), Twist(velocity, omega), Acceleration(acceleration, alpha))
 
 
 class PoseSpline:

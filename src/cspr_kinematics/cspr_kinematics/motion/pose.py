@@ -111,19 +111,18 @@ class Pose(ReadOnlyArrays):
         InvalidInputError
             If a value is not finite, has another shape, or a quaternion is not of unit norm.
         """
-        p = as_floats("position", position, 3)
+        p = checked("position", position, 3)
         quaternion = as_floats("quaternion_xyzw", quaternion_xyzw, 4)
         batch = p.shape[:-1]
         if batch != quaternion.shape[:-1]:
             batch = broadcast_batch(position=batch, quaternion_xyzw=quaternion.shape[:-1])
             p, quaternion = np.broadcast_to(p, (*batch, 3)), np.broadcast_to(quaternion, (*batch, 4))
-        checked("position", p)
         n = math.prod(batch)
         matrices = np.empty((n, 3, 3))
         if not rotations(kernel_input(quaternion, n, 4), matrices) <= 1e-3:
             checked("quaternion_xyzw", quaternion)
             raise InvalidInputError("quaternion_xyzw", quaternion, "not a unit quaternion")
-        return cls.trusted(np.array(p, order="C"), matrices.reshape(*batch, 3, 3))
+        return cls.trusted(p.copy(), matrices.reshape(*batch, 3, 3))
 
     @property
     def quaternion(self) -> FloatArray:

@@ -93,12 +93,10 @@ def distribute_tensions(
     answer: list[Any] = [np.empty((n, m)), np.empty(n, np.bool_), np.empty(n), np.empty(n)]
     answer += [status := np.empty(n, np.int64), np.empty(n, np.int64)]
 
-    def work(first: int, after_last: int) -> None:
-        done.append(distribute_batch(code, *problem, first, after_last, *answer))
+    def work(first: int, after_last: int) -> tuple[int, bool]:
+        return distribute_batch(code, *problem, first, after_last, *answer)
 
-    done: list[tuple[int, bool]] = []
-    in_chunks(work, n, threads, _LEAST_PER_THREAD)
-    for singular, finite in done:
+    for singular, finite in in_chunks(work, n, threads, _LEAST_PER_THREAD):
         if singular or not finite:
             checked("wrench", w)
             checked("wrench_matrix", A)

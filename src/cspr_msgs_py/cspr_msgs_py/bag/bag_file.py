@@ -1,6 +1,6 @@
 """A bag on disk: MCAP files of raw messages with ``metadata.yaml`` beside them, laid out as rosbag2 does.
 
-Everything here may block on the disk; :mod:`cspr_msgs_py.bag.writer` shields from that whoever receives messages.
+Everything here may block on the disk; :mod:`cspr_msgs_py.bag.writer` shields the receivers of messages from that.
 """
 
 import errno

@@ -280,7 +280,7 @@ class Bag:
                 yield self.uncompressed(block)
 
     def uncompressed(self, block: MessageBlock) -> MessageBlock:
-        """Return a block of messages as they were published: some bags compress each message by itself."""
+        """Return a block of messages as they were published: some bags compress each message separately."""
         if not self._each_compressed:
             return block
         decompressor = zstandard.ZstdDecompressor()

@@ -42,7 +42,7 @@ _FIXED_TOPICS = {topic.name: topic for topic in graph_topics(0)}
 
 
 class Recorder(Node):
-    """Subscribes to every topic, or those that are asked for, and hands the bytes to the bag.
+    """Subscribes to every topic, or to those selected, and hands the bytes to the bag.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ class Replay:
     Raises
     ------
     StartError, BagError
-        If what is asked for is not in the bag, or must not be published.
+        If a selected topic is not in the bag, or must not be published.
     """
 
     def __init__(self, bag: Bag, options: argparse.Namespace, keys: Keyboard) -> None:
@@ -191,7 +191,7 @@ class Replay:
             time.sleep(0.01)
 
     def _states_at_start(self) -> Iterable[Message]:
-        """Return what the latched topics had said before the start: whoever subscribes is to know it."""
+        """Return what the latched topics had said before the start, for their subscribers."""
         last: dict[str, Message] = {}
         if self._start_ns > self._bag.start_ns:
             for message in self._bag.in_order(self._latched, end_ns=self._start_ns):
@@ -291,7 +291,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _number(text: str, zero: bool) -> float:
-    """Return a finite number above 0 or, with `zero`, of at least 0."""
+    """Return a finite number above 0 or, with `zero`, 0 or more."""
     try:
         value = float(text)
     except ValueError:

@@ -7,7 +7,7 @@ The dialect is that of ROS: YAML 1.1, where ``on`` is a truth value and ``010`` 
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +21,17 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 from ruamel.yaml.resolver import VersionedResolver
 
 from cspr_msgs_py.errors import ParameterError
-from cspr_msgs_py.parameters.table import ALL_NODES, TABLE, known_parameter, node_parameters, parameter_values
+from cspr_msgs_py.parameters.table import (
+    ALL_NODES,
+    OF_PROCESS,
+    TABLE,
+    known_parameter,
+    node_parameters,
+    parameter_values,
+)
+
+Heard = Mapping[str, Collection[str]]
+"""The parameters that the nodes of a process, or of a simulation, take: their names by node."""
 
 warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
 
@@ -66,6 +76,7 @@ class ParameterFile:
     def __init__(self, text: str | bytes, name: str) -> None:
         self.name = name
         self._nodes: dict[str, dict[str, Any]] = {}
+        self._lines: dict[tuple[str, str], int] = {}  # of what the file itself says
         self._yaml = _yaml("safe")
         try:
             root = self._yaml.compose(text)
@@ -104,6 +115,21 @@ class ParameterFile:
         for name, value in values.items():
             row = known_parameter(node, name)
             self._nodes.setdefault(node, {})[name] = row.checked(value) if row else value
+            self._lines.pop((node, name), None)
+
+    def require_heard(self, heard: Heard) -> None:
+        """Refuse what is given to one of these nodes and not taken by it; raises ParameterError.
+
+        The file may speak to other nodes, and to processes, what was changed may not.
+        """
+        for node, values in self._nodes.items():
+            # gains that are shared by all motor controllers come with all of them
+            ours = node in heard or ("motor_control_gains" in heard and node.startswith("motor_controller_"))
+            for name in values:
+                line = self._lines.get((node, name))
+                if line is None or (ours and name not in OF_PROCESS):
+                    where = f"other than in {self.name}" if line is None else f"{self.name}, line {line}"
+                    require_heard(where, node, name, heard)
 
     def slow_down(self, speed: float) -> None:
         """Stretch what depends on the computer's clock for a machine that runs at `speed` of real time."""
@@ -128,9 +154,7 @@ class ParameterFile:
         for key, value in _entries(section):
             inner = f"{path}/{key.strip('/')}".lstrip("/")
             if key == "ros__parameters" and isinstance(value, MappingNode):
-                name = path.rpartition("/")[2]
-                node = ALL_NODES if "*" in name else name
-                self._read_values(node, value, "")
+                self._read_values(_node(path), value, "")
             elif isinstance(value, MappingNode) and key != "ros__parameters":
                 self._read_nodes(value, inner)
             else:
@@ -144,11 +168,19 @@ class ParameterFile:
             if isinstance(value, MappingNode):
                 self._read_values(node, value, f"{prefix}{key}.")
                 continue
+            line = value.start_mark.line + 1
             try:
                 known_parameter(node, prefix + key)
             except ParameterError as error:
-                raise ParameterError(f"{self.name}, line {value.start_mark.line + 1}: {error}") from error
+                raise ParameterError(f"{self.name}, line {line}: {error}") from error
+            self._lines[node, prefix + key] = line
             values[prefix + key] = self._yaml.constructor.construct_document(value)
+
+
+def _node(path: str) -> str:
+    """Return the node's name, without name space; `ALL_NODES` for a pattern, and for none."""
+    name = path.rpartition("/")[2]
+    return ALL_NODES if "*" in name or not name else name
 
 
 def _entries(section: MappingNode) -> list[tuple[str, Node]]:
@@ -194,14 +226,64 @@ def value_from_text(node: str, name: str, text: str) -> Any:
     return row.checked(value)
 
 
-def check_arguments(arguments: Sequence[str]) -> None:
-    """Refuse a command line with parameters, or files with such, that no node of ours knows; raises ParameterError."""
+def require_heard(where: str, node: str, name: str, heard: Heard) -> None:
+    """Refuse a parameter that is given to a node that does not take it, or is not there.
+
+    Parameters
+    ----------
+    where
+        It is given, for the error.
+    node
+        Name of the node, or `ALL_NODES`: then it is enough that one takes it.
+    name
+        Name of the parameter; what is not ours is passed over.
+    heard
+        What the nodes that are there take.
+
+    Raises
+    ------
+    ParameterError
+        Says who takes it, or what is taken.
+    """
+    takers = [each for each, names in heard.items() if name in names]
+    if known_parameter(node, name) is None or node in takers or (node == ALL_NODES and takers):
+        return
+    if node != ALL_NODES and node not in heard:
+        raise ParameterError(f"{where}: {node} is not here; the nodes here are {', '.join(heard)}")
+    who = "no node takes" if node == ALL_NODES else f"{node} takes no"
+    if takers:
+        hint = f"{takers[0]} does"
+    elif node == ALL_NODES:
+        hint = f"it belongs to {', '.join(each for each in TABLE if name in node_parameters(each))}"
+    else:
+        hint = f"it takes {', '.join(each for each in node_parameters(node) if each in heard[node])}"
+    raise ParameterError(f"{where}: {who} {name} here; {hint}")
+
+
+def check_arguments(arguments: Sequence[str], heard: Heard | None = None) -> None:
+    """Refuse a command line with parameters, or files with such, that nobody takes.
+
+    Parameters
+    ----------
+    arguments
+        The command line.
+    heard
+        What the nodes of the process take; before they are there it is enough that a node of ours has the parameter.
+
+    Raises
+    ------
+    ParameterError
+    """
     for option, value in pairwise(arguments):
         if option == "--params-file":
-            ParameterFile.from_yaml(value)
+            file = ParameterFile.from_yaml(value)
+            if heard is not None:
+                file.require_heard(heard)
         elif option in ("-p", "--param"):
-            node, _, name = value.partition(":=")[0].rpartition(":")
+            path, _, name = value.partition(":=")[0].rpartition(":")
             try:
-                known_parameter(node.rpartition("/")[2] or ALL_NODES, name)
+                known_parameter(_node(path), name)
             except ParameterError as error:
                 raise ParameterError(f"{option} {value}: {error}") from error
+            if heard is not None:
+                require_heard(f"{option} {value}", _node(path), name, heard)

@@ -95,7 +95,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
               choices=("closest", "centroid", "analytic_center")),
     ),
     "motor_control_gains": (ROBOT_CONFIG, CONTROL_RATE, *_GAINS),
-    "motor_controller": (MOTOR,),  # asked for first: it decides the name under which the node then runs
+    "motor_controller": (MOTOR,),  # read first: the node's name depends on it
     "motor_controller_K": (ROBOT_CONFIG, CONTROL_RATE, SETPOINT_TIMEOUT, *_GAINS),
     "pose_estimator": (
         ROBOT_CONFIG,
@@ -182,6 +182,9 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
 }  # fmt: skip
 """The parameters of each node; every node has those of its process besides."""
 
+OF_PROCESS = (CPU.name, REALTIME_PRIORITY.name)
+"""Parameters that say how a process runs, not what its nodes do."""
+
 _WITHOUT_PRIORITY = ("recorder", "robot_markers")  # the control loop comes first
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -201,10 +204,17 @@ def node_parameters(node: str) -> Mapping[str, NodeParameter]:
     return {parameter.name: parameter for parameter in (*TABLE[key], *process)}
 
 
+class _Defaults(dict[str, Any]):
+    """Defaults by name, which says where one that is missing belongs."""
+
+    def __missing__(self, name: str) -> Any:
+        raise ParameterError(f"no default of {name!r}: its row is missing in {__name__}.TABLE")
+
+
 def defaults(node: str) -> dict[str, Any]:
     """Return the defaults of a node's parameters by name, without those that depend on its robot or its buses."""
     rows = node_parameters(node).values()
-    return {row.name: row.default for row in rows if not isinstance(row.default, type)}
+    return _Defaults((row.name, row.default) for row in rows if not isinstance(row.default, type))
 
 
 def parameter_values(node: str, *given: Mapping[str, Any]) -> dict[str, Any]:

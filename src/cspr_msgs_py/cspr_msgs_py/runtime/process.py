@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from types import MappingProxyType
 from typing import Any, Final
 
 import rclpy
@@ -23,9 +24,9 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from cspr_msgs_py.errors import MessageError, ParameterError
+from cspr_msgs_py.errors import MessageError, NodeError, ParameterError
 from cspr_msgs_py.message_definitions import message_class
-from cspr_msgs_py.parameters.file import check_arguments
+from cspr_msgs_py.parameters.file import Heard, check_arguments
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.parameters import declare
@@ -42,7 +43,11 @@ _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def run_nodes(
-    factory: Callable[[], Sequence[Node]], args: Sequence[str] | None = None, *, realtime: bool = True
+    factory: Callable[[], Sequence[Node]],
+    args: Sequence[str] | None = None,
+    *,
+    realtime: bool = True,
+    asked_before: Heard = MappingProxyType({}),
 ) -> int:
     """Run the nodes that `factory` creates until SIGINT or SIGTERM, and return the exit status.
 
@@ -60,11 +65,14 @@ def run_nodes(
     realtime : bool
         Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
         All have the parameter ``cpu``, which binds the process to one CPU.
+    asked_before : mapping
+        Parameters of nodes that are there only until the factory has asked for them.
 
     Returns
     -------
     int
-        0 after SIGINT or SIGTERM, 1 after an error, 2 for unknown arguments and parameters.
+        0 after SIGINT or SIGTERM, 1 after an error or with a parameter that no node here takes, 2 for arguments and
+        parameters that nobody knows.
     """
     arguments = list(sys.argv if args is None else args)
     program = os.path.basename(arguments[0]) if arguments else "node"
@@ -80,7 +88,7 @@ def run_nodes(
             )
             return 2
         check_arguments(arguments)
-        return _run(factory, program, realtime)
+        return _run(factory, arguments, program, realtime, asked_before)
     except ParameterError as error:
         _report(program, error)
         return 2
@@ -88,7 +96,13 @@ def run_nodes(
         rclpy.try_shutdown()
 
 
-def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) -> int:
+def _run(
+    factory: Callable[[], Sequence[Node]],
+    arguments: Sequence[str],
+    program: str,
+    realtime: bool,
+    asked_before: Heard,
+) -> int:
     nodes: list[Node] = []
     status = 0
     with _stop_on_signal() as stop:
@@ -96,11 +110,13 @@ def _run(factory: Callable[[], Sequence[Node]], program: str, realtime: bool) ->
             nodes += factory()
             stop.armed = True
             _set_scheduling(nodes, realtime)
+            declared = {node.get_name(): set(node.get_parameters_by_prefix("")) for node in nodes}
+            check_arguments(arguments, {**asked_before, **declared})
             _spin(nodes, stop.future)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except Exception as error:
-            status = _report(_node_of(error) or program, error)
+            status = _report(*_blamed(error, program))
         for node in nodes:
             status = max(status, _make_safe(node))
         for node in nodes:
@@ -215,15 +231,16 @@ def _report(name: str, error: Exception) -> int:
     return 1
 
 
-def _node_of(error: Exception) -> str | None:
-    """Return the name of the node that was at work when `error` was raised."""
-    name = None
+def _blamed(error: Exception, program: str) -> tuple[str, Exception]:
+    """Return who was at work when `error` was raised, a node or else the program, and what went wrong."""
+    name = program
     for frame, _ in traceback.walk_tb(error.__traceback__):
-        for owner in (frame.f_locals.get("self"), frame.f_locals.get("node")):
-            if isinstance(owner, Node):
-                with suppress(Exception):  # a node that could not be created has no name yet
-                    name = owner.get_name()
-    return name
+        if isinstance(node := frame.f_locals.get("self"), Node):
+            with suppress(Exception):  # a node that could not be created has no name yet
+                name = node.get_name()
+    while isinstance(error, NodeError) and isinstance(error.__cause__, Exception):
+        name, error = str(error), error.__cause__
+    return name, error
 
 
 def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:

@@ -1,11 +1,10 @@
 """The platform's reference motion as raw CDR of trajectory_msgs/MultiDOFJointTrajectory.
 
-One point a message: pose, twist and acceleration of the frame ``platform`` in ``base``. As in
+One point per message: pose, twist and acceleration of the frame ``platform`` in ``base``. As in
 :mod:`cspr_msgs_py.wire.joint_state` the layout is constant, so a message is a frame with numbers at fixed offsets.
 """
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,7 @@ from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes, Frame, Template, pack_time
 _DOUBLE: Final = np.dtype("<f8")
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceSample:
+class ReferenceSample(NamedTuple):
     """Desired motion of the platform at one instant, all vectors in base.
 
     Attributes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -32,11 +33,9 @@ from cspr_control.analysis.numbers.cycles import cycle_bins
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 
-ONE_RUN = {
-    "fig07_trajectory", "fig08_model_tensions", "fig09_model_deviation", "fig10_payload_change",
-    "fig11_motor_error_by_load", "fig12_motor_error", "measured_tensions", "mass_estimate", "cable_lengths",
-    "motor_errors", "cycle_histogram",
-}  # fmt: skip
+_DOCUMENT = (Path(__file__).parents[4] / "docs" / "analysis.md").read_text(encoding="utf-8")
+_ROWS = re.findall(r"^\|(.*?)\|", _DOCUMENT.split("\n## Figures\n")[1].split("\n## ")[0], re.MULTILINE)
+DESCRIBED = {name for row in _ROWS for name in re.findall(r"`(\w+)`", row)}
 # Machado, Oliveira and Fernandes (2009), "A Physiologically-based Model for Simulation of Color Vision Deficiency",
 # severity 1, on linear RGB
 VISION = {
@@ -91,9 +90,11 @@ def test_controllers_have_their_names_of_the_paper() -> None:
     assert controller_title("kp 4") == "kp 4"
 
 
-def test_every_figure_of_a_run_as_png_and_svg(run: RunAnalysis, tmp_path: Path) -> None:
+def test_every_figure_of_a_run_is_described_and_stored_as_png_and_svg(
+    run: RunAnalysis, tmp_path: Path
+) -> None:
     pictures = save_figures([run], tmp_path)
-    assert {path.stem for path in pictures} == ONE_RUN
+    assert {path.stem for path in pictures} == DESCRIBED
     for path in pictures:
         assert path.read_bytes().startswith(b"\x89PNG")
         assert path.stat().st_size > 5_000
@@ -132,7 +133,7 @@ def test_no_text_lies_on_another(
     monkeypatch.setattr(figures, "save_figure", look)
     save_figures([run], tmp_path)
     save_figures(analyse_bags([recorded_bag, recorded_bag], ["kp 2", "kp 4"]), tmp_path)
-    assert found.keys() > ONE_RUN
+    assert found.keys() > DESCRIBED
     assert {name: texts for name, texts in found.items() if texts} == {}
 
 

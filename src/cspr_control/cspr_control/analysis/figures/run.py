@@ -94,7 +94,7 @@ def mass_figure(
     axes[0].legend(loc="lower right")
     if truth:
         axes[1].axhline(0.0, color=REFERENCE_COLOUR, linewidth=0.8)
-        axes[1].set(ylabel="mass, kg", title="Estimated less true mass")
+        axes[1].set(ylabel="mass, kg", title="Estimated minus true mass")
     axes[-1].set(xlabel="time, s")
     return figure
 

@@ -76,7 +76,7 @@ class RunMetrics:
     controller, trajectory, bag, robot
         What was run, and where it is recorded.
     window
-        What all numbers are about but those that the driver counts (`CycleMetrics.counted`).
+        The window of all numbers but those that the driver counts (`CycleMetrics.counted`).
     duration
         Time on the trajectories, or of the whole recording if there was none, s.
     position_error
@@ -84,7 +84,7 @@ class RunMetrics:
     velocity_error
         Of each motor, degrees/s.
     tension_error
-        Measured less predicted by the dynamic model, of each cable, N.
+        Measured minus predicted by the dynamic model, of each cable, N.
     tension_bias
         Mean of the same (m,), N.
     """
@@ -160,7 +160,7 @@ def run_metrics(
 
 
 def tension_deviation(recording: Recording, predicted: PredictedTensions | None) -> Floats | None:
-    """Return measured less predicted tensions (n, m) at the measurements that count, N; None without either."""
+    """Return measured minus predicted tensions (n, m) at the measurements that count, N; None without either."""
     tensions = recording.tensions
     if tensions is None or predicted is None:
         return None

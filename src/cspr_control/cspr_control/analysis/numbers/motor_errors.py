@@ -19,7 +19,7 @@ LONGEST_CARRY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class MotorErrors:
-    """Demanded less measured.
+    """Desired minus measured.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ class RunSummary:
     controller, exact_mass, trajectory
         What was run.
     window
-        What the numbers are about; the driver's counts have their own (`CycleMetrics.counted`).
+        The window of the numbers; the driver's counts have their own (`CycleMetrics.counted`).
     position_error
         Of each motor (m,), degrees at its shaft, as in the paper's Fig. 11.
     mass
@@ -81,7 +81,7 @@ class RunSummary:
 
     @property
     def name(self) -> str:
-        """The controller, with the mass that it was told."""
+        """The controller, with the mass that it was given."""
         return controller_label(self.controller, self.exact_mass)
 
     @property
@@ -162,7 +162,7 @@ def format_summary(summary: RunSummary) -> str:
 
 
 def format_comparison(summaries: Sequence[RunSummary]) -> str:
-    """Return several runs as one table: a line each."""
+    """Return several runs as one table, one line per run."""
     motors = [f"motor {k}" for k in range(1, len(summaries[0].position_error.rms) + 1)]
     row = "{:<22}" + "{:>8}" * (len(motors) + 1) + "{:>9}{:>11}{:>9}{:>9}"
     lines = [

@@ -19,14 +19,14 @@ NOT_KNOWN = "-"
 _ERRORS = (  # with their attribute of `RunMetrics`, and decimals
     ("position error, deg", "position_error", 2),
     ("velocity error, deg/s", "velocity_error", 1),
-    ("tension less model, N", "tension_error", 1),
+    ("measured minus model tension, N", "tension_error", 1),
 )
 _MARGINS = {
-    "tension_min_n": ("lowest tension, above limit", "cable", "N"),
-    "tension_max_n": ("highest tension, below limit", "cable", "N"),
-    "torque_nm": ("torque, below limit", "motor", "N m"),
-    "speed_rad_per_s": ("speed, below limit", "motor", "rad/s"),
-    "workspace_m": ("distance to workspace border", "", "m"),
+    "tension_min_n": ("margin to the lower tension limit", "cable", "N"),
+    "tension_max_n": ("margin to the upper tension limit", "cable", "N"),
+    "torque_nm": ("margin to the torque limit", "motor", "N m"),
+    "speed_rad_per_s": ("margin to the speed limit", "motor", "rad/s"),
+    "workspace_m": ("margin to the workspace border", "", "m"),
 }
 _NO_MASS = MassMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, (), None)
 
@@ -95,7 +95,7 @@ def motor_rows(run: RunAnalysis) -> list[tuple[str, NDArray[np.float64]]]:
                 (f"{name}: maximum", error.maximum),
             ]
     if one.tension_bias is not None:
-        rows.append(("tension less model, N: mean", one.tension_bias))
+        rows.append(("measured minus model tension, N: mean", one.tension_bias))
     if one.saturation is not None:
         rows.append(("saturated commands, %", 100.0 * one.saturation.share))
     rows.append(("energy supplied, J", one.energy.supplied))

@@ -372,7 +372,7 @@ function buildCharts(page) {
   );
   bars(
     { id: "payload-change", title: "Deviation before and after the load changes, cable 1", unit: "tension, N", axis: "",
-      note: "Fig. 10: while the platform accelerates; delta is before less after." },
+      note: "Fig. 10: while the platform accelerates; delta is before minus after." },
     runs.filter((run) => run.change).map((run) => ({
       title: `${run.title}: ${run.change.text}`, clusters: ["maximum", "median", "RMS"], legend: true,
       bars: ["before", "after", "delta"].map((part, k) => ({
@@ -393,7 +393,7 @@ function buildCharts(page) {
     const chosen = Math.min(2, m - 1);
     charts.push(new LineChart(page, {
       id: "motor-3", title: `Position error of motor ${chosen + 1}, all runs`, unit: "error, deg", height: 280,
-      note: "Fig. 12: one line a controller.",
+      note: "Fig. 12: one line per controller.",
       panels: [{ run: null, series: compared.map((run) => ({
         name: run.title, color: run.color, dash: run.dashed ? [6, 4] : null, block: run.blocks.errors, column: chosen,
       })) }],
@@ -401,7 +401,7 @@ function buildCharts(page) {
   }
   lines(
     { id: "position-errors", title: "Motor position errors", unit: "error, deg",
-      note: "Demanded less measured angle at the motor shaft. Fig. 12 shows motor 3: hide the others." },
+      note: "Desired minus measured angle at the motor shaft. Fig. 12 shows motor 3: hide the others." },
     each("errors", 0, "motor"),
   );
   lines({ id: "velocity-errors", title: "Motor velocity errors", unit: "error, deg/s" }, each("errors", m, "motor"));
@@ -414,7 +414,7 @@ function buildCharts(page) {
     ],
   );
   lines(
-    { id: "tension-errors", title: "Measured less predicted tension", unit: "tension, N" },
+    { id: "tension-errors", title: "Measured minus predicted tension", unit: "tension, N" },
     (run) => run.blocks.tensions && run.blocks.tensions.columns.length > m && each("tensions", m, "cable")(run),
   );
   lines(

@@ -16,7 +16,7 @@ from cspr_drivers.simulation.bus.bus_timing import DRIVER, BusTiming
 
 
 class SimulatedBus:
-    """The devices' end of a bus whose frames pass when whoever keeps the time asks for it.
+    """The devices' end of a bus whose frames pass when `deal` is called.
 
     Parameters
     ----------

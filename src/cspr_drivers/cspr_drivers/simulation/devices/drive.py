@@ -16,7 +16,7 @@ from cspr_drivers.canopen.cia402 import (
     State,
 )
 from cspr_drivers.canopen.nmt import NmtState
-from cspr_drivers.config.can_config import DriveConfig
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, OptionCodes, Phase
 from cspr_drivers.simulation.devices.node import EmulatedNode
@@ -63,18 +63,14 @@ class DriveEmulator(EmulatedNode):
 
     Parameters
     ----------
-    config
-        Node id, scale and sign.
+    can_config, index
+        What drives and driver agree on, and the number of the motor, from 0, whose drive this is.
     eds
         Its object dictionary, `cia402_drive.eds`.
     machine
         The machine.
-    index
-        Number of the motor, from 0.
     brake, drive
         Delays of the brake, and how the drive stops a motor.
-    brake_open_bit
-        Bit of the status word that is set while the brake is open.
 
     Attributes
     ----------
@@ -92,14 +88,14 @@ class DriveEmulator(EmulatedNode):
 
     def __init__(
         self,
-        config: DriveConfig,
+        can_config: CanConfig,
+        index: int,
         eds: Path,
         machine: SharedPlant,
-        index: int,
         brake: BrakeProperties,
         drive: DriveProperties,
-        brake_open_bit: int,
     ) -> None:
+        config = can_config.drives[index]
         nameplate = (config.identity.objects if config.identity else {}) | {
             (0x6076, 0): round(config.units.rated_torque * 1e3),
             (0x608F, 1): config.units.encoder_increments,
@@ -110,7 +106,7 @@ class DriveEmulator(EmulatedNode):
         self._index = index
         self._units = config.units
         self._damping = drive.quick_stop_damping
-        self._brake_open_flag = 1 << brake_open_bit
+        self._brake_open_flag = 1 << can_config.brake_open_bit
         self._new_automaton = partial(DriveStateMachine, brake, drive)
         self.automaton = self._new_automaton()
         self.emergency_stop = False

@@ -41,7 +41,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
     """Base of the emulated devices.
 
     The device lives by frames and ticks: frames come from the canopen network it is added to and take the
-    lock of the shared plant; `sync` and `tick` are called by whoever keeps the time, with the lock held. Its
+    lock of the shared plant; `sync` and `tick` are called by the owner of the clock, with the lock held. Its
     objects are stored values, or live ones: those for which `readers` or `writers` hold a function.
 
     Parameters

@@ -120,7 +120,7 @@ def cable_and_motor_forces(
         (4,): cable paid out per angle, m/rad; axial stiffness, N; damping over stiffness, s; length between drum
         and exit point, m.
     torque_input, damping
-        Torque that a drive is told, N m, and its own velocity feedback, N m s/rad.
+        Commanded torque of a drive, N m, and its own velocity feedback, N m s/rad.
     torque_limit
         Of the motors, N m.
     tension, applied_torque

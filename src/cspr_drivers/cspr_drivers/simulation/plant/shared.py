@@ -14,7 +14,7 @@ from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.simulation_config import PayloadChange
 from cspr_kinematics import Payload
 
-if TYPE_CHECKING:  # whoever has another model of the machine needs no MuJoCo
+if TYPE_CHECKING:  # users of another plant need no MuJoCo
     from cspr_drivers.simulation.plant.plant import Plant
 
 # s. A frame's time stamp further than this from its reception is of another clock (a CAN adapter's own, or a
@@ -49,14 +49,14 @@ class Measurement:
 class SharedPlant:
     """A plant, its lock, and the relation of its time to the clocks of this computer.
 
-    Whoever calls a method other than `now`, `time_at`, `align` and `arrive` holds `lock`.
+    Callers of methods other than `now`, `time_at`, `align` and `arrive` hold `lock`.
 
     Parameters
     ----------
     plant
         The machine. Its time 0 is the moment at which this object is made.
     payload_changes
-        Payloads that arrive by themselves.
+        Payloads that arrive at times of their own.
     clock
         Clock of the machine. Plant time runs with its monotonic time; frames are stamped with its time of day.
 
@@ -152,7 +152,7 @@ class SharedPlant:
         """Keep an input that arrived at a plant time, s, until the plant passes it; needs no lock.
 
         `apply` is called, with the lock held, when the plant is about to be integrated past that time, in the
-        order of arrival. To apply each input at once would keep the bus waiting for the plant eight times a cycle.
+        order of arrival. To apply each input at once would keep the bus waiting for the plant eight times per cycle.
 
         Returns
         -------
