@@ -82,7 +82,7 @@ def test_a_fault_that_was_not_asked_for_is_a_failure(planned, capsys):
             "'drive_slient'; did you mean drive_silent? `cspr closed_loop --help` lists",
         ),
         ("sabotage motor_3@1", "'sabotage'; `cspr closed_loop --help` lists them"),
-        ("drive_silent motor_9@1", "no 'motor_9' it could happen to"),
+        ("drive_silent motor_9@1", "'motor_9'"),
     ],
 )
 def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys, monkeypatch):
