@@ -44,6 +44,16 @@ from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Robot
 from cspr_msgs_py.topics import Topic
 
+ORDER = (
+    MotorComponent,
+    TrajectoryComponent,
+    FeedforwardComponent,
+    PoseComponent,
+    PayloadComponent,
+    SupervisionComponent,
+)
+"""The components of the graph in the order in which they hear a topic: the most urgent answers first."""
+
 
 class Route(NamedTuple):
     """A way of a topic: the component that hears it, as which of its inputs, and what takes the samples."""
@@ -59,7 +69,7 @@ class ControlGraph:
     Parameters
     ----------
     components
-        In the order in which they hear a topic: the most urgent answers first.
+        In the order in which they hear a topic.
     heard_instead
         Topics that a component hears in place of one of its inputs, by the names of the component and of the input:
         ``{("feedforward", "/payload"): SIMULATED_PAYLOAD}`` tells the feed-forward the true payload.
@@ -192,17 +202,15 @@ def control_graph(
         See `ControlGraph`.
     """
     m = robot.number_of_cables
-    return ControlGraph(
-        (
-            *(
-                MotorComponent(number, robot.motor, settings.gains, timeout)
-                for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
-            ),
-            TrajectoryComponent(robot, settings.trajectory, settings.period),
-            FeedforwardComponent(robot, settings.feedforward),
-            PoseComponent(robot, settings.pose_rate, settings.period),
-            PayloadComponent(robot, settings.payload),
-            SupervisionComponent(m, settings.supervision),
+    components = (
+        *(
+            MotorComponent(number, robot.motor, settings.gains, timeout)
+            for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
         ),
-        heard_instead,
+        TrajectoryComponent(robot, settings.trajectory, settings.period),
+        FeedforwardComponent(robot, settings.feedforward),
+        PoseComponent(robot, settings.pose_rate, settings.period),
+        PayloadComponent(robot, settings.payload),
+        SupervisionComponent(m, settings.supervision),
     )
+    return ControlGraph(sorted(components, key=lambda each: ORDER.index(type(each))), heard_instead)

@@ -32,7 +32,8 @@ def change(mapping, path, value):
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (["rate"], 0.0, "can.yaml: rate = 0.0: must be positive"),
+        (["rate"], 0.0, "can.yaml: rate = 0.0: must be at least 1"),
+        (["rate"], 1.0e9, "can.yaml: rate = 1000000000.0: must be at most 2000"),
         (["rate"], float("nan"), "can.yaml: rate = nan: must be a finite number"),
         pytest.param(["rate"], 10**400, "0...: must be a finite number", id="rate-10^400"),
         (["rate"], True, "can.yaml: rate = True: must be a finite number"),

@@ -8,6 +8,7 @@ imported, see :mod:`cspr_msgs_py.runtime.parameters` for that.
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from difflib import get_close_matches
 from functools import cache, partial
 from typing import Any
@@ -145,13 +146,14 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "robot_markers": (
         ROBOT_CONFIG,
-        _fixed("trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0),
+        _fixed("trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0,
+               stretch=_DURATION),
     ),
     "can_drives": (
         CAN_CONFIG,
         AUTOSTART,
-        _fixed("control_rate", float,
-               "Rate of the control cycle that the controllers expect; that of can.yaml by default", "Hz", 1.0),
+        replace(CONTROL_RATE, default=float,
+                meaning="Rate of the control cycle that the controllers expect; that of can.yaml by default"),
     ),
     "load_cells": (
         CAN_CONFIG,
