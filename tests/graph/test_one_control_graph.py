@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from cspr_control.closed_loop.loop import SERVICE_TIME, ClosedLoop
 from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_control.graph import control_graph
 from cspr_control.nodes import component_node
 from cspr_control.nodes.component_node import Wiring
 from cspr_control.nodes.control import create_control_nodes
@@ -248,7 +249,9 @@ def parameters(tmp_path, monkeypatch):
 
 def test_nodes_alone_nodes_together_and_the_closed_loop_publish_the_same_bytes(parameters, monkeypatch):
     in_loop = play(DrivenLoop(parameters))
-    assert {topic for topic, _ in in_loop} == set(OUTPUTS)  # everything has been asked of the graph
+    graph = control_graph(ROBOT, control_settings(ROBOT, parameters))
+    declared = {topic.name for component in graph.components.values() for topic in component.outputs}
+    assert {topic for topic, _ in in_loop} == set(OUTPUTS) == declared  # each declared output is published
     assert seen(in_loop, topics.ROBOT_STATE) == ["disabled", "enabling", "enabled", "fault"]
     phases = ["approach", "running", "stopping", "hold", "approach", "hold"]
     assert seen(in_loop, topics.TRAJECTORY_STATE) == ["idle", "hold", *phases]

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from heapq import heapify, heapreplace
 from typing import Any, NamedTuple
 
 from cspr_control.components.component import Call, Component, Output, Outputs, Publication, Timer
@@ -44,13 +44,15 @@ from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Robot
 from cspr_msgs_py.topics import Topic
 
-
-@dataclass
-class _Due:
-    """When a timer of a component is due next, monotonic s."""
-
-    time: float
-    timer: Timer
+ORDER = (
+    MotorComponent,
+    TrajectoryComponent,
+    FeedforwardComponent,
+    PoseComponent,
+    PayloadComponent,
+    SupervisionComponent,
+)
+"""The components of the graph in the order in which they hear a topic: the most urgent answers first."""
 
 
 class Route(NamedTuple):
@@ -67,7 +69,7 @@ class ControlGraph:
     Parameters
     ----------
     components
-        In the order in which they hear a topic: the most urgent answers first.
+        In the order in which they hear a topic.
     heard_instead
         Topics that a component hears in place of one of its inputs, by the names of the component and of the input:
         ``{("feedforward", "/payload"): SIMULATED_PAYLOAD}`` tells the feed-forward the true payload.
@@ -92,7 +94,8 @@ class ControlGraph:
         self._heard_instead = heard_instead or {}
         self._routes: dict[str, list[Route]] = {}
         self.services: dict[str, Any] = {}
-        self._due: list[_Due] | None = None
+        # A heap: when each timer is due next, monotonic s, and which of those due at one moment comes first.
+        self._due: list[tuple[float, int, Timer]] = []
         for component in components:
             self.add(component)
 
@@ -138,28 +141,27 @@ class ControlGraph:
 
     def begin(self, now: float) -> list[Output]:
         """Return what is published before anything has arrived; timers count from here."""
-        self._due = [
-            _Due(now + timer.period, timer)
-            for component in self.components.values()
-            for timer in component.timers()
-        ]
+        timers = [timer for component in self.components.values() for timer in component.timers()]
+        self._due = [(now + timer.period, order, timer) for order, timer in enumerate(timers)]
+        heapify(self._due)
         begun = (component.begin() for component in self.components.values())
         return self._through([output for outputs in begun for output in outputs], now)
 
     def advance(self, now: float) -> list[Output]:
         """Let each timer that is due by now do its work, each at the time at which it was due, in that order."""
-        if self._due is None:
+        if not self._due:
             return self.begin(now)
         outputs: list[Output] = []
-        while (due := min(self._due, key=lambda due: due.time)).time <= now:
-            outputs += self._through(due.timer.run(due.time), due.time)
-            due.time += due.timer.period
+        while self.next_due <= now:
+            time, order, timer = self._due[0]
+            outputs += self._through(timer.run(time), time)
+            heapreplace(self._due, (time + timer.period, order, timer))
         return outputs
 
     @property
     def next_due(self) -> float:
         """Monotonic time at which `advance` has something to do, s."""
-        return min(due.time for due in self._due or ())
+        return self._due[0][0]
 
     def call(self, now: float, service: str) -> tuple[Decision, list[Output]]:
         """Give a command to the component whose service it is; raises KeyError for another's."""
@@ -200,17 +202,15 @@ def control_graph(
         See `ControlGraph`.
     """
     m = robot.number_of_cables
-    return ControlGraph(
-        (
-            *(
-                MotorComponent(number, robot.motor, settings.gains, timeout)
-                for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
-            ),
-            TrajectoryComponent(robot, settings.trajectory, settings.period),
-            FeedforwardComponent(robot, settings.feedforward),
-            PoseComponent(robot, settings.pose_rate, settings.period),
-            PayloadComponent(robot, settings.payload),
-            SupervisionComponent(m, settings.supervision),
+    components = (
+        *(
+            MotorComponent(number, robot.motor, settings.gains, timeout)
+            for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
         ),
-        heard_instead,
+        TrajectoryComponent(robot, settings.trajectory, settings.period),
+        FeedforwardComponent(robot, settings.feedforward),
+        PoseComponent(robot, settings.pose_rate, settings.period),
+        PayloadComponent(robot, settings.payload),
+        SupervisionComponent(m, settings.supervision),
     )
+    return ControlGraph(sorted(components, key=lambda each: ORDER.index(type(each))), heard_instead)

@@ -94,6 +94,30 @@ def test_faults_need_devices():
         run(replace(SHORT, faults=(PlannedFault("bus_cot main", 1.0),)))
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"/**": {"control_rate": 500.0}}, r"control_rate is 500 Hz, but .*can\.yaml: rate = 250: make them"),
+        (
+            {"pose_estimator": {"control_rate": 100.0}},
+            "control_rate of pose_estimator is 100.0, of",
+        ),
+    ],
+)
+def test_rates_that_differ_are_refused_as_by_the_robot(changes, words):
+    with pytest.raises(ControlError, match=words):
+        run(replace(SHORT, parameters=changes))
+
+
+def test_a_bus_that_cannot_carry_the_cycle_is_refused_as_by_the_robot(tmp_path):
+    for file in CONFIG.glob("*.yaml"):
+        (tmp_path / file.name).write_text(file.read_text().replace("rate: 250.0", "rate: 500.0"))
+    with pytest.raises(
+        ControlError, match=r"rate = 500: bus main: .* \(137 %\), more than the limit of 90 %"
+    ):
+        run(replace(SHORT, config=tmp_path))
+
+
 def test_payloads_come_and_go():
     added = (AddedPayload(50.0, 0.3), AddedPayload(-20.0, 0.6))
     record = run(replace(SHORT, devices=False, added=added))

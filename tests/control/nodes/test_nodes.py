@@ -27,7 +27,7 @@ from tests.messages import (
 from cspr_control.components.payload import PayloadComponent
 from cspr_control.components.pose import PoseComponent
 from cspr_control.components.supervision import SupervisionComponent
-from cspr_control.errors import ControlError
+from cspr_control.errors import ControlError, SettingError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins
 from cspr_control.nodes.control import create_control_nodes
 from cspr_control.nodes.control_nodes import (
@@ -679,6 +679,15 @@ def test_nodes_of_one_process_hear_each_topic_once_and_motor_controllers_first(b
     assert set(heard) == set(graph.inputs)
     first = [route.component.name for route in graph.routes(topics.MOTOR_STATES)][:COUNT]
     assert first == [f"motor_controller_{k}" for k in range(1, COUNT + 1)]
+
+
+def test_nodes_of_one_process_that_expect_different_rates_are_refused(bench, tmp_path):
+    file = tmp_path / "control.yaml"
+    file.write_text("pose_estimator: {ros__parameters: {control_rate: 100.0}}")
+    with pytest.raises(
+        SettingError, match=r"control_rate of pose_estimator is 100\.0, of motor_control_gains 250"
+    ):
+        create_control_nodes(**bench.options(), cli_args=["--ros-args", "--params-file", str(file)])
 
 
 @pytest.mark.parametrize(

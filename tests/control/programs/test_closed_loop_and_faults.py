@@ -122,7 +122,7 @@ def test_a_fault_after_the_trajectory_is_refused(capsys):
         ("recorder.nice=3", "recorder is not here; the nodes here are motor_control_gains, "),
         (
             "supervisor.robot_config=x",
-            "is x, of motor_control_gains config/robot.yaml; here it must be the same for all",
+            "is x, of motor_control_gains config/robot.yaml; it must be the same for all",
         ),
         ("/**.control_rate=500", "control_rate is 500 Hz, but "),
     ],

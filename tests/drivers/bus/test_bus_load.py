@@ -1,6 +1,6 @@
 import pytest
 
-from cspr_drivers.bus.bus_load import bus_loads, require_fitting_load, worst_case_bits
+from cspr_drivers.bus.bus_load import bus_loads, require_fitting_cycle, worst_case_bits
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import ConfigurationError
 
@@ -12,13 +12,19 @@ def stuffed_bits(data_bytes):
     return stuffed + (stuffed - 1) // 4 + unstuffed
 
 
+def fitting(mapping):
+    """Return the loads of a configuration whose rate is that of the controllers."""
+    config = CanConfig.from_mapping(mapping, "can.yaml")
+    return require_fitting_cycle(config, config.rate)
+
+
 @pytest.mark.parametrize("data_bytes", range(9))
 def test_worst_case_bits(data_bytes):
     assert worst_case_bits(data_bytes) == stuffed_bits(data_bytes)
 
 
 def test_the_shipped_table_takes_2735_us(mapping):
-    (load,) = require_fitting_load(CanConfig.from_mapping(mapping, "can.yaml"))
+    (load,) = fitting(mapping)
     assert load.busy == pytest.approx(2735e-6)
     assert load.share == pytest.approx(0.68, abs=0.005)
 
@@ -26,7 +32,7 @@ def test_the_shipped_table_takes_2735_us(mapping):
 def test_what_does_not_fit_is_refused_with_the_sum(mapping):
     mapping["rate"] = 500.0
     with pytest.raises(ConfigurationError) as error:
-        require_fitting_load(CanConfig.from_mapping(mapping, "can.yaml"))
+        fitting(mapping)
     assert str(error.value) == (
         "can.yaml: rate = 500: bus main: SYNC 55 + 8 x drive RPDO 95 + 8 x drive TPDO 135 "
         "+ 8 x load cell TPDO 105 = 2735 bits, 2735 us of a cycle of 2000 us (137 %), "
@@ -41,10 +47,10 @@ def test_two_buses_carry_500_hz(mapping):
         device["bus"] = "second"
     loads = bus_loads(CanConfig.from_mapping(mapping, "can.yaml"))
     assert [load.bits for load in loads] == [1395, 1395]
-    require_fitting_load(CanConfig.from_mapping(mapping, "can.yaml"))
+    fitting(mapping)
 
 
 def test_a_slower_bus_carries_less(mapping):
     mapping["buses"]["main"]["bitrate"] = 500_000
     with pytest.raises(ConfigurationError, match="5470 us of a cycle of 4000 us"):
-        require_fitting_load(CanConfig.from_mapping(mapping, "can.yaml"))
+        fitting(mapping)

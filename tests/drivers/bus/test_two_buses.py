@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cspr_drivers.bus.bus_load import require_fitting_load
+from cspr_drivers.bus.bus_load import require_fitting_cycle
 from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.master import DriveMaster
@@ -52,8 +52,14 @@ def far_ends(config):
         end.close()
 
 
+def fitting(mapping):
+    """Return the loads of a configuration whose rate is that of the controllers."""
+    config = CanConfig.from_mapping(mapping, "can.yaml")
+    return require_fitting_cycle(config, config.rate)
+
+
 def test_four_of_each_on_a_bus_fit_500_hz(config):
-    loads = require_fitting_load(config)
+    loads = require_fitting_cycle(config, config.rate)
     # 55 + 4 (95 + 135 + 105) bits, DESIGN's worst case, at 1 Mbit/s.
     assert [(load.bus, load.bits) for load in loads] == [("first", 1395), ("second", 1395)]
     assert config.rate == 500.0
@@ -64,14 +70,14 @@ def test_eight_of_each_do_not_fit_one_bus_at_500_hz(content):
     for device in (*content["drives"], *content["load_cells"]):
         device["bus"] = "first"
     with pytest.raises(ConfigurationError, match="lower the rate or use another bus"):
-        require_fitting_load(CanConfig.from_mapping(content, "can.yaml"))
+        fitting(content)
 
 
 def test_with_velocities_both_rates_still_fit(content, mapping):
     for each, share in ((content, 0.89), (mapping, 0.875)):
         each["velocity_source"] = "velocity_actual"
         each["pdo"]["drive_tpdo_2"] = ["velocity_actual"]
-        loads = require_fitting_load(CanConfig.from_mapping(each, "can.yaml"))
+        loads = fitting(each)
         assert loads[0].share == pytest.approx(share, abs=0.01)
 
 

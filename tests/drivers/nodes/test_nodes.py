@@ -21,7 +21,6 @@ from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.nodes.can_drives import CanDrives
 from cspr_drivers.nodes.load_cells import LoadCells
-from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
@@ -268,7 +267,7 @@ def test_the_node_makes_the_robot_safe_when_it_ends(bench, drives, far_end):
 
 
 def test_another_rate_than_the_controllers_expect_is_refused(context, config, ports):
-    with pytest.raises(StartError, match=r"control_rate is 250 Hz, but can\.yaml: rate = 100"):
+    with pytest.raises(ConfigurationError, match=r"control_rate is 250 Hz, but can\.yaml: rate = 100"):
         CanDrives(
             config, ports, context=context, parameter_overrides=[Parameter("control_rate", value=250.0)]
         )

@@ -34,7 +34,9 @@ def test_lists_every_program_and_imports_none() -> None:
 
 def test_without_a_program_it_teaches(capsys: pytest.CaptureFixture[str]) -> None:
     assert cspr.main([]) == 2
-    assert "usage: cspr PROGRAM" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "usage: cspr PROGRAM" in text
+    assert "by name: .venv/bin/control" in text
 
 
 @pytest.mark.parametrize(
@@ -145,6 +147,18 @@ def test_how_programs_end(
     assert run_program("measure", lambda: 3, ()) == 3
     with pytest.raises(ValueError, match="invalid literal"):
         run_program("measure", lambda: int("a defect"), (KeyError,))
+
+
+def test_a_reader_that_has_read_enough_is_no_error() -> None:
+    code = (
+        "import sys\nfrom cspr_msgs_py.programs.command_line import run_program\n"
+        "sys.exit(run_program('measure', lambda: print('line\\n' * 100_000), ()))"
+    )
+    done = subprocess.run(
+        ["bash", "-c", '"$0" -c "$1" | head -1; exit ${PIPESTATUS[0]}', sys.executable, code],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.stdout, done.stderr, done.returncode) == ("line\n", "", 141)
 
 
 def test_json_without_nan(tmp_path: Path) -> None:

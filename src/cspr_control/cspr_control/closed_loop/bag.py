@@ -40,7 +40,7 @@ def recorded(directory: Path, scenario: Scenario, loop: ClosedLoop[Any]) -> Iter
     """
     time, start = loop.time, loop.time.system_ns()
     started = datetime.fromtimestamp(start * 1e-9, UTC)
-    information = recording_information(started, 1.0 / loop.settings.period) | {"simulated": scenario.label}
+    information = recording_information(started, loop.settings.control_rate) | {"simulated": scenario.label}
     file = BagFile(directory, information, scenario.attachments(), start_ns=start)
     bag = SampleBag(file, loop.robot.number_of_cables)
     loop.listeners.append(lambda topic, sample: bag.write(topic, time.system_ns(), sample))

@@ -24,6 +24,7 @@ from cspr_control.parameters.control_settings import control_settings, robot_fil
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
+from cspr_drivers.bus.bus_load import require_fitting_cycle
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.fault_injection import FaultOrder
@@ -47,10 +48,7 @@ def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
     machine: Machine
     if scenario.devices:
         buses = CanConfig.from_yaml(scenario.config / scenario.buses)
-        if buses.rate != (rate := round(1.0 / settings.period, 9)):
-            raise ClosedLoopError(
-                f"control_rate is {rate:g} Hz, but {buses.source}: rate = {buses.rate:g}: make them equal"
-            )
+        require_fitting_cycle(buses, settings.control_rate)
         machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
         machine = BarePlant(time, simulation, settings.period)

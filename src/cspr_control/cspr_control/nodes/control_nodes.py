@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from cspr_control.components.component import Component
 from cspr_control.components.feedforward import FeedforwardComponent
 from cspr_control.components.payload import PayloadComponent
 from cspr_control.components.pose import PoseComponent
@@ -71,6 +73,15 @@ class SupervisorNode(ComponentNode):
         limits = supervision_limits(self.robot, declare_all(self))
         self.connect(SupervisionComponent(self.robot.number_of_cables, limits))
 
+
+NODES: Mapping[type[Component], Any] = {
+    TrajectoryComponent: TrajectoryPublisher,
+    FeedforwardComponent: FeedforwardNode,
+    PoseComponent: PoseEstimatorNode,
+    PayloadComponent: MassEstimatorNode,
+    SupervisionComponent: SupervisorNode,
+}
+"""The nodes by their components."""
 
 trajectory_publisher = executable(TrajectoryPublisher)
 feedforward = executable(FeedforwardNode)

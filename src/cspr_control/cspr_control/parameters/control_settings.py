@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from cspr_control.components.trajectory import TrajectorySettings
-from cspr_control.errors import SettingError
 from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings
 from cspr_control.motors.motor_control import MotorGains
@@ -15,13 +14,14 @@ from cspr_control.parameters.settings import (
     estimator_settings,
     feedforward_settings,
     motor_gains,
+    require_same,
     supervision_limits,
     trajectory_settings,
 )
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.parameters.table import ALL_NODES, CONTROL_RATE, ROBOT_CONFIG
+from cspr_msgs_py.parameters.table import CONTROL_RATE, ROBOT_CONFIG
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class ControlSettings:
     ----------
     trajectory, feedforward, gains, payload, supervision
         Of trajectory player, feed-forward, motor controllers, payload estimation and supervisor.
-    period
-        Of the control cycle, s.
+    control_rate
+        Of the control cycle, Hz.
     setpoint_timeouts
         Age at which each motor controller no longer uses a set-point, s.
     pose_rate
@@ -41,13 +41,18 @@ class ControlSettings:
     """
 
     trajectory: TrajectorySettings
-    period: float
+    control_rate: float
     feedforward: FeedforwardSettings
     gains: MotorGains
     setpoint_timeouts: tuple[float, ...]
     pose_rate: float
     payload: EstimatorSettings
     supervision: SupervisionLimits
+
+    @property
+    def period(self) -> float:
+        """Of the control cycle, s."""
+        return 1.0 / self.control_rate
 
 
 def robot_file(parameters: ParameterFile) -> str:
@@ -71,7 +76,7 @@ def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings
     gains = values("motor_control_gains")
     settings = ControlSettings(
         trajectory_settings(robot, values("trajectory_publisher")),
-        1.0 / gains[CONTROL_RATE.name],
+        gains[CONTROL_RATE.name],
         feedforward_settings(robot.number_of_cables, values("feedforward")),
         motor_gains(robot, gains),
         tuple(
@@ -84,12 +89,7 @@ def control_settings(robot: Robot, parameters: ParameterFile) -> ControlSettings
     )
     # nodes each have their own of these, the components have the same
     for name in (ROBOT_CONFIG.name, CONTROL_RATE.name):
-        first, *others = [node for node in heard if name in heard[node] and "controller" not in node]
-        for node in others:
-            if heard[node][name] != heard[first][name]:
-                raise SettingError(
-                    f"{parameters.name}: {name} of {node} is {heard[node][name]}, of {first} {heard[first][name]}; "
-                    f"here it must be the same for all: give it to {ALL_NODES}"
-                )
+        has = [node for node in heard if name in heard[node] and "controller" not in node]
+        require_same(name, {node: heard[node][name] for node in has})
     parameters.require_heard({node: noticed.names for node, noticed in heard.items()})
     return settings

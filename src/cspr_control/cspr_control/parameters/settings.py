@@ -20,12 +20,24 @@ from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_kinematics import Pose, Robot, bounded_methods
+from cspr_msgs_py.parameters.table import ALL_NODES, ParameterValues
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
 
 Settings = TypeVar("Settings")
 
 
-class NoticedValues(dict[str, Any]):
+def require_same(name: str, values: Mapping[str, Any]) -> None:
+    """Refuse values of a parameter, by node, that differ though the components share it; raises SettingError."""
+    first, *others = values
+    for node in others:
+        if values[node] != values[first]:
+            raise SettingError(
+                f"{name} of {node} is {values[node]}, of {first} {values[first]}; "
+                f"it must be the same for all nodes of one control: give it to {ALL_NODES}"
+            )
+
+
+class NoticedValues(ParameterValues):
     """Values by name that notice, in `names`, which of them are taken."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:

@@ -44,4 +44,4 @@ class Debounce:
         violated = np.asarray(violated, dtype=bool)
         self._since = np.where(violated, np.minimum(self._since, time), np.inf)
         first = int(self._since.argmin())
-        return first if violated[first] and time - self._since[first] >= self._allowed_time else None
+        return first if time - self._since[first] >= self._allowed_time else None

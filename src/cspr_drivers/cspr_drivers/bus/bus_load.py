@@ -1,4 +1,4 @@
-"""Worst-case time that the process data of one cycle takes on each bus."""
+"""Worst-case time that the process data of one cycle takes on each bus, and whether the cycle has room for it."""
 
 from __future__ import annotations
 
@@ -73,14 +73,27 @@ def bus_loads(config: CanConfig) -> tuple[BusLoad, ...]:
     return tuple(loads)
 
 
-def require_fitting_load(config: CanConfig) -> tuple[BusLoad, ...]:
-    """Return the load of each bus.
+def require_fitting_cycle(config: CanConfig, control_rate: float) -> tuple[BusLoad, ...]:
+    """Return the load of each bus, of a cycle with which the driver can start.
+
+    Parameters
+    ----------
+    config
+        The CAN side.
+    control_rate
+        Rate of the control cycle that the controllers expect, Hz.
 
     Raises
     ------
     ConfigurationError
-        If the process data of a bus takes more than `bus_load_limit` of a cycle; the message shows the sum.
+        If the controllers expect another rate, or the process data of a bus takes more than `bus_load_limit` of a
+        cycle; the message shows the sum.
     """
+    if control_rate != config.rate:
+        raise ConfigurationError(
+            f"parameter control_rate is {control_rate:g} Hz, but {config.source}: "
+            f"rate = {config.rate:g}: make them equal"
+        )
     loads = bus_loads(config)
     for load in loads:
         if load.share > config.bus_load_limit:

@@ -15,6 +15,7 @@ from cspr_drivers.config.identity import Identity
 from cspr_drivers.config.option_codes import OptionCodes
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_kinematics.configuration.structure import NotNegative, Positive, Text
+from cspr_msgs_py.parameters.table import CONTROL_RATE
 
 STANDARD_LAYOUTS = {
     "drive_rpdo": frame_table.DRIVE_RPDO1,
@@ -110,7 +111,7 @@ class CanValues:
         Limits in time.
     """
 
-    rate: Positive
+    rate: Annotated[float, Meta(ge=CONTROL_RATE.minimum, le=CONTROL_RATE.maximum)]
     bus_load_limit: Annotated[float, Meta(gt=0.0, le=1.0)]
     master_node_id: NodeId
     velocity_source: VelocitySource
@@ -121,6 +122,10 @@ class CanValues:
     load_cell_checks: LoadCellChecks
     torque_check: TorqueCheck
     timeouts: Timeouts
+
+    def brake_is_open(self, status_word: int) -> bool:
+        """Return whether a drive reports its brake open."""
+        return bool(status_word >> self.brake_open_bit & 1)
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import sys
 from functools import partial
 
-from cspr_drivers.bus.bus_load import require_fitting_load
+from cspr_drivers.bus.bus_load import require_fitting_cycle
 from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.nodes.driver_messages import drive_diagnostics, drive_states
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode
-from cspr_msgs_py.errors import MessageError, StartError
+from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import advertise, run_nodes, subscribe_raw
 from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
@@ -44,13 +44,8 @@ class CanDrives(DriverNode[DriveMaster]):
 
     def create_master(self, ports: CanPorts) -> DriveMaster:
         """Return a driver that sends SYNC and configures the drives."""
-        for load in require_fitting_load(self.config):
+        for load in require_fitting_cycle(self.config, self._rate):
             self.get_logger().info(str(load))
-        if self._rate != self.config.rate:
-            raise StartError(
-                f"parameter control_rate is {self._rate:g} Hz, but {self.config.source}: "
-                f"rate = {self.config.rate:g}: make them equal"
-            )
         return DriveMaster(self.config, ports, self._publish, self.get_logger().warning)
 
     def disarm(self, master: DriveMaster) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 EXIT_STATUS = "exit status: 0 done, 1 not done, for the reason on stderr, 2 wrong arguments, 130 interrupted"
+_CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE has ended
 
 
 def program_parser(
@@ -84,7 +85,14 @@ def run_program(
         What Ctrl-C leaves behind, in words; the status is then 130.
     """
     try:
-        return body() or 0
+        status = body() or 0
+        sys.stdout.flush()
+        return status
+    except (
+        BrokenPipeError
+    ):  # `| head` has read enough; what is left in the buffer must not be an error either
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _CLOSED_PIPE
     except KeyboardInterrupt:
         status, text = 130, f"interrupted; {interrupted}" if interrupted else "interrupted"
     except errors as error:

@@ -46,7 +46,8 @@ def main_of_executable() -> int:
 def _help(programs: Iterable[EntryPoint]) -> str:
     lines = ["usage: cspr PROGRAM [options]", "", "programs:"]
     lines += sorted(f"  {entry.name:<13}{_summary(entry)}" for entry in programs)
-    lines += ["", "`cspr PROGRAM --help` explains one. Nodes are started with `ros2 run PACKAGE NODE`."]
+    lines += ["", "`cspr PROGRAM --help` explains one. Nodes are started with `ros2 run PACKAGE NODE`,"]
+    lines += ["or, where there is no ros2, by name: .venv/bin/control"]
     return "\n".join(lines)
 
 

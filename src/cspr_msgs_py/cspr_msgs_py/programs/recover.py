@@ -66,7 +66,8 @@ def _report(result: Recovery) -> str:
     if not result.losses:
         return "\n".join([*lines, "nothing was lost: the bag was whole"])
     lines += [f"lost: {text}" for text in result.losses]
-    lines += [f"lost: {number} messages of {topic}" for topic, number in sorted(result.missing.items())]
+    for topic, number in sorted(result.missing.items()):
+        lines.append(f"lost: {number} message{'s' if number > 1 else ''} of {topic}")
     return "\n".join(lines)
 
 
