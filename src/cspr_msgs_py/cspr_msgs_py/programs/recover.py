@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cspr_msgs_py.bag.recovery import Recovery, recover
 from cspr_msgs_py.errors import BagError
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program
 from cspr_msgs_py.runtime.terminal import progress_line
 
 DESCRIPTION = """Write what can be read of a damaged bag into a new, whole one, and say what was lost.
@@ -36,18 +36,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     output = options.output or source.resolve().with_name(
         f"{source.resolve().name.partition('.')[0]}_recovered"
     )
-    try:
-        result = recover(
-            source, output, lambda share: None if options.quiet else progress_line(share, "recovering")
-        )
-    except BagError as error:
-        print(f"recover: {error}", file=sys.stderr)
-        return 1
-    finally:
-        if not options.quiet:
-            progress_line(None)
-    print(_report(result))
-    return 0
+
+    def body() -> None:
+        try:
+            result = recover(
+                source, output, lambda share: None if options.quiet else progress_line(share, "recovering")
+            )
+        finally:
+            if not options.quiet:
+                progress_line(None)
+        print(_report(result))
+
+    return run_program("recover", body, (BagError,), "the damaged bag is as it was")
 
 
 def _report(result: Recovery) -> str:
