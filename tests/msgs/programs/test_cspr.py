@@ -117,6 +117,7 @@ def test_a_reader_that_is_gone_is_no_error() -> None:
         done = subprocess.run(
             [sys.executable, "-m", "cspr_msgs_py.programs.cspr", *arguments],
             stdout=writing, stderr=subprocess.PIPE, text=True, check=False,
+            env=os.environ | {"PYTHONUNBUFFERED": ""},  # then it is told at the end only
         )  # fmt: skip
         assert (done.stderr, done.returncode) == ("", 141)
     os.close(writing)
