@@ -77,8 +77,32 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
         assert slow[row.name] == pytest.approx(usual[row.name] * (4.0 if row.unit == "s" else 1.0)), row.name
     player = ParameterFile.from_yaml(tmp_path / "config" / "control.yaml").values("trajectory_publisher")
     assert player["max_gap"] == 4.0 * 0.1
+    markers = ParameterFile.from_yaml(tmp_path / "config" / "control.yaml").values("robot_markers")
+    assert markers["trail"] == 4.0 * 20.0
     assert player["stop_time"] == 0.5  # the machine's own
     assert slow["max_age"] == {name: pytest.approx(4.0 * age) for name, age in usual["max_age"].items()}
+
+
+@pytest.mark.parametrize(
+    ("node", "name", "value", "slow"),
+    [
+        ("/**", "setpoint_timeout", 0.5, "5"),
+        ("supervisor", "max_age.drive_states", 10.0, "100"),
+        ("mass_estimator", "center_rate_limit", 0.005, "0.0005"),
+    ],
+)
+def test_a_value_that_a_slower_machine_makes_too_large_is_refused_in_the_users_words(
+    tmp_path: Path, node: str, name: str, value: float, slow: str
+) -> None:
+    shutil.copytree(CONFIG, tmp_path / "source")
+    control = ParameterFile.from_yaml(CONFIG / "control.yaml")
+    control.change(node, {name: value})
+    (tmp_path / "source" / "control.yaml").write_text(control.text(), encoding="utf-8")
+    SCENARIO.copy_configuration(tmp_path / "source", tmp_path / "in real time")
+    with pytest.raises(
+        DemoError, match=f"{name} is {value:g}, .* 0.1 of real time makes {slow}: .* must lie"
+    ):
+        replace(SCENARIO, speed=0.1).copy_configuration(tmp_path / "source", tmp_path / "slow")
 
 
 def test_a_parameter_reaches_ros_whatever_its_text() -> None:

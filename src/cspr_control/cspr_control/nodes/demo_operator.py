@@ -178,7 +178,7 @@ class Operator:
 
     def wait(self, step: str, done: Callable[[], bool], limit: float, why_not: Callable[[], str]) -> None:
         """Wait until something is so, and say why it is not when that takes too long."""
-        deadline = time.monotonic() + limit / self._speed
+        deadline = self._after(limit)
         while not done():
             self._progress.show(step)
             self._children.check()
@@ -194,8 +194,12 @@ class Operator:
 
     def pause(self, step: str, duration: float) -> None:
         """Let time pass while all is well."""
-        end = time.monotonic() + duration / self._speed
+        end = self._after(duration)
         self.wait(step, lambda: time.monotonic() >= end, duration + 5.0, lambda: "the clock stands still")
+
+    def _after(self, duration: float) -> float:
+        """Return when a duration of the machine is over, on the computer's clock."""
+        return time.monotonic() + duration / self._speed
 
     def call(self, service: str, limit: float) -> None:
         """Ask a service until it accepts; a refusal is final only when the time is up."""
@@ -218,7 +222,7 @@ class Operator:
     def _ask(self, service: str) -> bool:
         """Ask a service; returns whether it accepts, and keeps why it does not."""
         future = self._client.trigger(service)
-        end = time.monotonic() + 5.0
+        end = self._after(5.0)
         while future is not None and not future.done() and time.monotonic() < end:
             self._children.check()
             time.sleep(0.01)
@@ -248,7 +252,7 @@ class Operator:
         with contextlib.suppress(KeyboardInterrupt, ControlError, OSError):  # the terminal may be gone
             client = self._client
             if client.robot_state in FOLLOWING and client.trigger("/supervisor/stop") is not None:
-                deadline = time.monotonic() + 4.0
+                deadline = self._after(4.0)
                 while client.robot_state != RobotState.DISABLED and time.monotonic() < deadline:
                     self._progress.show("stopping")
                     self._children.check(("control", "simulated_robot"))  # nobody else has a part in it

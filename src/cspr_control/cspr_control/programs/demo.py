@@ -211,7 +211,8 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     if markers:
         started["robot_markers"] = control_arguments + recorder_cpu
 
-    with ChildProcesses(directory / "log") as children, demo_client() as client:
+    grace = 8.0 / scenario.speed  # the drives close their brakes in it
+    with ChildProcesses(directory / "log", grace) as children, demo_client() as client:
         progress = Progress(scenario.label, client)
         run = Operator(client, children, progress, scenario.speed)
         try:

@@ -136,7 +136,7 @@ class ParameterFile:
         for node, values in self._nodes.items():
             for name, value in values.items():
                 row = known_parameter(node, name)
-                values[name] = row.in_slow_motion(row.checked(value), speed) if row and row.stretch else value
+                values[name] = row.in_slow_motion(value, speed) if row and row.stretch else value
         everywhere = self._nodes.setdefault(ALL_NODES, {})
         for node in TABLE:
             for name, row in node_parameters(node).items():

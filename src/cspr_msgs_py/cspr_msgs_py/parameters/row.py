@@ -63,8 +63,21 @@ class NodeParameter:
         return f"{self.meaning}{choices}" + (f" [{self.unit}]" if self.unit else "")
 
     def in_slow_motion(self, value: float, speed: float) -> float:
-        """Return what `value` becomes when a second of the computer has `speed` seconds of the machine."""
-        return value / speed**self.stretch
+        """Return what `value` becomes when a second of the computer has `speed` seconds of the machine.
+
+        Raises
+        ------
+        ParameterError
+            As `checked`, also if it leaves the range by that.
+        """
+        slow = self.checked(value) / speed**self.stretch
+        try:
+            return float(self.checked(slow))
+        except ParameterError as error:
+            raise ParameterError(
+                f"{self.name} is {value:g}, which a machine at {speed:g} of real time makes {slow:g}: {error}; take "
+                "another value or a higher speed"
+            ) from error
 
     def checked(self, value: Any) -> Any:
         """Return `value` if the parameter may have it.
