@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 import warnings
@@ -91,6 +92,14 @@ class TestExecutable:
         with whole(recovered) as bag:
             lost = recording.number - bag.counts["/motor_states"]
         assert f"lost: {lost} messages of /motor_states" in others
+
+    def test_a_reader_that_is_gone_is_no_error(self, recording) -> None:
+        reading, writing = os.pipe()
+        os.close(reading)
+        command = [sys.executable, "-m", "cspr_msgs_py.programs.recover", str(recording.write())]
+        done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+        os.close(writing)
+        assert (done.stderr, done.returncode) == ("", 141)
 
     def test_nothing_is_overwritten(self, recording) -> None:
         source = recording.write()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import subprocess
 import sys
 from argparse import ArgumentTypeError
@@ -21,7 +22,8 @@ def test_lists_every_program_and_imports_none() -> None:
     code = (
         "import sys\nfrom cspr_msgs_py.programs.cspr import main\nassert main(['--help']) == 0\n"
         "loaded = {name for name in sys.modules if name.startswith(('cspr_', 'numpy', 'rclpy'))}\n"
-        "assert loaded == {'cspr_msgs_py', 'cspr_msgs_py.programs', 'cspr_msgs_py.programs.cspr'}, loaded\n"
+        "own = {'', '.programs', '.programs.cspr', '.programs.command_line'}\n"
+        "assert loaded == {f'cspr_msgs_py{name}' for name in own}, loaded\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -159,6 +161,19 @@ def test_a_reader_that_has_read_enough_is_no_error() -> None:
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.stdout, done.stderr, done.returncode) == ("line\n", "", 141)
+
+
+def test_a_reader_that_is_gone_is_no_error() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    for arguments in (["--help"], ["recover", "--help"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "cspr_msgs_py.programs.cspr", *arguments],
+            stdout=writing, stderr=subprocess.PIPE, text=True, check=False,
+            env=os.environ | {"PYTHONUNBUFFERED": ""},  # then it is told at the end only
+        )  # fmt: skip
+        assert (done.stderr, done.returncode) == ("", 141)
+    os.close(writing)
 
 
 def test_json_without_nan(tmp_path: Path) -> None:

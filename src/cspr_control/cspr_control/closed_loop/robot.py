@@ -14,17 +14,17 @@ from cspr_control.supervision.supervisor import Decision
 from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
-from cspr_drivers.drives.master import DriveMaster
-from cspr_drivers.drives.report import MotorStates
-from cspr_drivers.errors import DriverError
-from cspr_drivers.load_cells.master import LoadCellMaster
-from cspr_drivers.nodes.driver_messages import (
+from cspr_drivers.driver_messages import (
     bus_status,
     drive_diagnostics,
     drive_states,
     load_cell_diagnostics,
     load_cell_states,
 )
+from cspr_drivers.drives.master import DriveMaster
+from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.errors import DriverError
+from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.simulation.bus.simulated_bus import SimulatedBus
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.emulated_devices import EmulatedDevices

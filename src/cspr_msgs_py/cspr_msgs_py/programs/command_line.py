@@ -85,9 +85,10 @@ def run_program(
         What Ctrl-C leaves behind, in words; the status is then 130.
     """
     try:
-        status = body() or 0
-        sys.stdout.flush()
-        return status
+        try:
+            return body() or 0
+        finally:
+            sys.stdout.flush()
     except (
         BrokenPipeError
     ):  # `| head` has read enough; what is left in the buffer must not be an error either

@@ -14,11 +14,17 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 
+from cspr_msgs_py.programs.command_line import run_program
+
 GROUP = "cspr.programs"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program that the first argument names; return its exit status, or 2 if there is none of that name."""
+    return run_program("cspr", lambda: _run(arguments), ())
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     programs = {entry.name: entry for entry in entry_points(group=GROUP)}
     if not words or words[0] in ("-h", "--help", "help"):

@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--quiet", action="store_true", help="no progress on the terminal")
     options = parser.parse_args(arguments)
-    return run_program("recover", lambda: _run(options), (BagError,), "what had been recovered stays")
+    return run_program("recover", lambda: _run(options), (BagError,), "the damaged bag is as it was")
 
 
 def _run(options: argparse.Namespace) -> None:
