@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import ast
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
+from tests.graph.import_graph import ImportGraph, module_name, within
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src"
 PACKAGES = ("cspr_kinematics", "cspr_msgs_py", "cspr_control", "cspr_drivers")
+BESIDE_THE_PRODUCT = ("benchmarks", "studies", "tests")
+GRAPH = ImportGraph.of(
+    [*(SOURCE / name / name for name in PACKAGES), *(ROOT / name for name in (*BESIDE_THE_PRODUCT, "docs"))]
+)
 SIBLINGS = {  # a place in a package: what it may import of the others; the longest place that fits counts
     "cspr_kinematics": (),
     "cspr_msgs_py": (),
@@ -23,15 +27,39 @@ SIBLINGS = {  # a place in a package: what it may import of the others; the long
     "cspr_drivers.simulation": ("cspr_msgs_py", "cspr_kinematics"),
     "cspr_drivers.commission": ("cspr_msgs_py", "cspr_kinematics"),
     "cspr_drivers.config": ("cspr_msgs_py", "cspr_kinematics"),
-    "cspr_drivers.nodes.simulated_robot": ("cspr_msgs_py", "cspr_kinematics"),
 }
-BESIDE_THE_PRODUCT = ("benchmarks", "studies", "tests")
-ROS = {"rclpy", "builtin_interfaces", "std_srvs", "rcl_interfaces", "ament_index_python", "rosidl_parser"}
-CONVERSION_MODULES = {
-    "conversion",
-    "message_definitions",
-    "qos",
-}
+ROS = ("rclpy", "builtin_interfaces", "std_srvs", "rcl_interfaces", "ament_index_python", "rosidl_parser")
+NODES = tuple(f"{package}.nodes" for package in PACKAGES)
+CONVERSION = ("cspr_msgs_py.runtime", "cspr_msgs_py.wire.conversion", "cspr_msgs_py.qos")
+SIMULATION = ("cspr_drivers.simulation", "cspr_drivers.commission")
+
+
+class Rule(NamedTuple):
+    """Modules of some places, `but` for some, never import others, nor anything that brings them along."""
+
+    places: tuple[str, ...]
+    never: tuple[str, ...]
+    but: tuple[str, ...] = ()
+
+
+RULES = (
+    Rule(PACKAGES, ("ROS",), (*NODES, *CONVERSION, "cspr_control.programs.demo")),
+    Rule(PACKAGES, NODES, (*NODES, "cspr_control.programs.demo")),
+    Rule(PACKAGES, (*BESIDE_THE_PRODUCT, "docs")),
+    Rule(
+        ("cspr_control",),
+        ("cspr_drivers",),
+        (*(f"cspr_control.{name}closed_loop" for name in ("", "programs.")), "cspr_control.calibration",
+         "cspr_control.programs.faults"),
+    ),
+    Rule(
+        ("cspr_drivers",),
+        SIMULATION,
+        (*SIMULATION, "cspr_drivers.nodes.simulated_robot", "cspr_drivers.nodes.emulated_robot"),
+    ),
+    Rule(("benchmarks", "studies", "docs"), ("tests",)),
+    Rule(("tests", "docs"), ("benchmarks", "studies"), ("tests.benchmarks", "tests.studies")),
+)  # fmt: skip
 ROSDEP_KEYS = {  # of what does not come from ROS itself: module, and the dependency that brings it
     "can": "python3-can",
     "canopen": "canopen-pip",
@@ -51,97 +79,79 @@ ROSDEP_KEYS = {  # of what does not come from ROS itself: module, and the depend
 FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc"}
 
 MODULES = sorted(path for package in PACKAGES for path in (SOURCE / package / package).rglob("*.py"))
-
-
 LARGEST_ROOM = 12  # modules
 LONG = 300  # lines
 
 
 def name_of(path: Path) -> str:
     """Return the name under which a module of a package is imported."""
-    return ".".join(path.relative_to(SOURCE).with_suffix("").parts[1:])
+    return module_name(path, SOURCE / path.relative_to(SOURCE).parts[0])
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Yield the full name of everything that a module imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
-
-
-def within(name: str, places: Iterable[str]) -> bool:
-    """Return whether a name is one of the places, or inside of one."""
-    return any(f"{name}.".startswith(f"{place}.") for place in places)
-
-
-def is_ros(name: str) -> bool:
+def is_one_of(name: str, places: tuple[str, ...]) -> bool:
+    """Return whether a name is inside of one of the places, of which ROS is one."""
     top = name.split(".")[0]
-    return top in ROS or top.endswith("_msgs")
+    return within(name, places) or ("ROS" in places and (top in ROS or top.endswith("_msgs")))
 
 
-def offences(module: str, names: Iterable[str]) -> list[str]:
-    """Return what a module of the product imports and must not."""
-    package, *inside = module.split(".")
-    place = max((place for place in SIBLINGS if within(module, [place])), key=len)
-    ros = inside[:1] in (["nodes"], ["runtime"]) or (
-        package == "cspr_msgs_py" and bool({*inside[-1:]} & CONVERSION_MODULES)
-    )
-    return [
-        name
-        for name in names
+def offences(graph: ImportGraph, module: str) -> list[str]:
+    """Return how a module imports what it must not, directly or by what it imports."""
+    package = module.split(".")[0]
+    place = max((place for place in SIBLINGS if within(module, [place])), key=len, default="")
+    direct = [
+        f"{module} -> {name}"
+        for name in (graph.imports[module] if place else ())
         if (within(name, PACKAGES) and not within(name, (package, *SIBLINGS[place])))
-        or (is_ros(name) and not ros)
         or (within(name, ("can", "canopen")) and package != "cspr_drivers")
         or (within(name, ["mujoco"]) and not within(module, ["cspr_drivers.simulation"]))
-        or within(name, BESIDE_THE_PRODUCT)
     ]
+    rules = [rule for rule in RULES if within(module, rule.places) and not within(module, rule.but)]
+    ways = [graph.way(module, lambda name, rule=rule: is_one_of(name, rule.never)) for rule in rules]
+    return direct + [way for way in ways if way]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_a_module_imports_what_its_place_allows(path: Path) -> None:
-    assert not offences(name_of(path), imported(path))
-    assert not FORBIDDEN_NAMES & set(name_of(path).split("."))
+@pytest.mark.parametrize("module", GRAPH.imports)
+def test_a_module_imports_what_its_place_allows(module: str) -> None:
+    assert offences(GRAPH, module) == []
+    assert not FORBIDDEN_NAMES & set(module.split("."))
 
 
 @pytest.mark.parametrize(
-    ("module", "name"),
+    ("module", "statement", "offence"),
     [
-        ("cspr_kinematics.robot.robot", "cspr_msgs_py.topics"),
-        ("cspr_control.motors.feedforward", "cspr_drivers.config.can_config"),
-        ("cspr_control.calibration.scale", "cspr_drivers.drives.master"),
-        ("cspr_control.nodes.control", "cspr_drivers.clock"),
-        ("cspr_drivers.drives.cycle", "cspr_kinematics.Robot"),
-        ("cspr_drivers.simulation.plant.plant", "cspr_control.graph"),
-        ("cspr_control.motors.feedforward", "sensor_msgs.msg.JointState"),
-        ("cspr_control.closed_loop.loop", "rclpy"),
-        ("cspr_msgs_py.bag.reader", "can"),
-        ("cspr_drivers.config.can_config", "mujoco"),
-        ("cspr_control.closed_loop.loop", "benchmarks.faults"),
+        # what a place must not import
+        ("cspr_kinematics.robot.robot", "from cspr_msgs_py import topics", "cspr_msgs_py"),
+        ("cspr_control.motors.feedforward", "from cspr_drivers.config import can_config", "cspr_drivers.config"),
+        ("cspr_control.calibration.scale", "from cspr_drivers.drives import master", "cspr_drivers.drives"),
+        ("cspr_control.nodes.control", "from cspr_drivers import clock", "cspr_drivers"),
+        ("cspr_drivers.drives.cycle", "from cspr_kinematics import Robot", "cspr_kinematics"),
+        ("cspr_drivers.nodes.simulated_robot", "import cspr_kinematics", "cspr_kinematics"),
+        ("cspr_drivers.simulation.plant.plant", "import cspr_control.graph", "cspr_control"),
+        ("cspr_control.motors.feedforward", "from sensor_msgs.msg import JointState", "sensor_msgs"),
+        ("cspr_msgs_py.bag.reader", "def late():\n    from can import Bus", "can"),
+        ("cspr_drivers.config.can_config", "import mujoco", "mujoco"),
+        ("cspr_control.closed_loop.loop", "from benchmarks import timing", "benchmarks"),
+        ("studies.paper", "from tests import messages", "tests"),
+        ("docs.robot_picture", "import benchmarks.timing", "benchmarks"),
+        # by a call
+        ("cspr_control.motors.motor_control", "importlib.import_module('cspr_drivers.clock')", "cspr_drivers"),
+        ("cspr_control.motors.motor_control", "exec('import cspr_drivers')", "cspr_drivers"),
+        ("cspr_control.supervision.checks", "__import__('rclpy')", "rclpy"),
+        ("cspr_control.programs.analyze", "runpy.run_module(mod_name='benchmarks')", "benchmarks"),
+        ("tests.msgs.test_topics", "import_module('benchmarks.timing')", "benchmarks"),
+        # by what is imported
+        ("cspr_control.reference.player", "import cspr_msgs_py.runtime.process", "cspr_msgs_py.runtime.process"),
+        ("cspr_control.estimation.payload", "import cspr_control.nodes", "cspr_control.nodes"),
+        ("cspr_control.estimation.payload", "from ..nodes import control", "cspr_control.nodes"),
+        ("cspr_msgs_py.bag.reader", "from cspr_msgs_py.nodes import recorder", "cspr_msgs_py.nodes"),
+        ("cspr_control.rerun.rerun", "from cspr_control.closed_loop import robot", "cspr_drivers"),
+        ("cspr_control.closed_loop.loop", "import cspr_drivers.nodes.simulated_robot", "cspr_drivers.nodes"),
+        ("cspr_drivers.drives.cycle", "from cspr_drivers.simulation import plant", "cspr_drivers.simulation"),
     ],
-)
-def test_the_rules_catch_an_offender(module: str, name: str) -> None:
-    assert offences(module, [name, "numpy"]) == [name]
-
-
-def test_imports_inside_of_functions_count(tmp_path: Path) -> None:
-    late = tmp_path / "late.py"
-    late.write_text("def late():\n    from can import Bus\n    return Bus\n", encoding="utf-8")
-    assert list(imported(late)) == ["can.Bus"]
-
-
-def test_tests_use_benchmarks_and_studies_only_to_test_these() -> None:
-    tests = ROOT / "tests"
-    apart = [
-        path for path in tests.rglob("*.py") if path.relative_to(tests).parts[0] not in BESIDE_THE_PRODUCT
-    ]
-    assert {
-        path.relative_to(tests).as_posix(): name
-        for path in apart
-        for name in imported(path)
-        if within(name, ("benchmarks", "studies"))
-    } == {}
+)  # fmt: skip
+def test_the_rules_catch_an_offender(module: str, statement: str, offence: str) -> None:
+    found = offences(GRAPH.with_statement(module, statement), module)
+    assert any(f" -> {offence}" in way for way in found), found
 
 
 def rooms() -> dict[str, list[Path]]:
@@ -178,7 +188,7 @@ def test_dependencies_are_declared(package: str) -> None:
         name.split(".")[0]
         for path in MODULES
         if path.is_relative_to(SOURCE / package)
-        for name in imported(path)
+        for name in GRAPH.imports[name_of(path)]
     }
     imports = {ROSDEP_KEYS.get(name, name) for name in names - {package, *sys.stdlib_module_names}}
     by_name = {kind.split("/")[0] for kind in topic_types()}  # subscribed to, recorded and replayed by name

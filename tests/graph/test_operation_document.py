@@ -97,8 +97,8 @@ def test_causes_in_the_program_are_in_the_document(module):
 
 def published_values():
     """Return the keys of the values that the drivers' nodes publish, as their modules write them."""
-    modules = ("driver_messages.py", "simulated_robot.py")
-    trees = [ast.parse((DRIVERS / "nodes" / name).read_text(encoding="utf-8")) for name in modules]
+    modules = ("driver_messages.py", "nodes/simulated_robot.py")
+    trees = [ast.parse((DRIVERS / name).read_text(encoding="utf-8")) for name in modules]
     for node in (node for tree in trees for node in ast.walk(tree)):
         if isinstance(node, ast.Dict):
             for key in node.keys:

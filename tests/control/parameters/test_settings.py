@@ -6,6 +6,7 @@ import pytest
 
 from cspr_control.motors.feedforward import FeedforwardSettings
 from cspr_control.parameters.settings import (
+    NoticedValues,
     estimator_settings,
     feedforward_settings,
     motor_gains,
@@ -13,6 +14,7 @@ from cspr_control.parameters.settings import (
     trajectory_settings,
 )
 from cspr_kinematics import Robot, bounded_methods
+from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import defaults, known_parameter
 from cspr_msgs_py.vocabulary import TrajectoryName
@@ -36,6 +38,15 @@ def test_the_shipped_file_makes_the_settings_that_there_are_without_it(file, rob
     trajectory = trajectory_settings(robot, file.values("trajectory_publisher"))
     assert trajectory.name is TrajectoryName.PAPER_19
     assert trajectory.options.limits.speed == 0.2
+
+
+def test_a_setting_without_its_row_is_missed_in_words(file, robot: Robot) -> None:
+    values = NoticedValues(file.values("supervisor"))
+    del values["stuck_time"]
+    with pytest.raises(
+        ParameterError, match=r"'stuck_time': its row is missing in cspr_msgs_py.parameters.table"
+    ):
+        supervision_limits(robot, values)
 
 
 def test_the_table_names_what_can_be_chosen() -> None:

@@ -17,7 +17,6 @@ from cspr_drivers.config.can_config import BusConfig, CanConfig
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload
 
 CONFIG = Path(__file__).parents[3] / "config"
 EDS = CONFIG / "eds"
@@ -268,10 +267,10 @@ def test_plant_follows_the_clock_without_sync(rig):
 
 def test_payload(rig):
     emulator, _, plant = rig
-    emulator.change_payload(Payload(50.0, (0.0, 0.0, 0.0)))
+    emulator.change_payload(50.0, (0.0, 0.0, 0.0))
     time.sleep(0.1)
     assert emulator.payload.mass == 50.0
-    emulator.change_payload(Payload(80.0, (0.0, 0.0, 0.0)), at=time.time() + 0.3)
+    emulator.change_payload(80.0, (0.0, 0.0, 0.0), at=time.time() + 0.3)
     assert plant.payload.mass == 50.0
     time.sleep(0.5)
     assert plant.payload.mass == 80.0

@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 import warnings
@@ -81,7 +82,7 @@ class TestExecutable:
         source = recording.write()
         file = source / "bag_0.mcap"
         file.write_bytes(file.read_bytes()[:-70_000])
-        done = run(source)
+        done = run(source.parent)  # the directory of the run
         assert done.returncode == 0, done.stderr
         first, second, *others = done.stdout.splitlines()
         recovered = source.with_name("bag_recovered")
@@ -91,6 +92,14 @@ class TestExecutable:
         with whole(recovered) as bag:
             lost = recording.number - bag.counts["/motor_states"]
         assert f"lost: {lost} messages of /motor_states" in others
+
+    def test_a_reader_that_is_gone_is_no_error(self, recording) -> None:
+        reading, writing = os.pipe()
+        os.close(reading)
+        command = [sys.executable, "-m", "cspr_msgs_py.programs.recover", str(recording.write())]
+        done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+        os.close(writing)
+        assert (done.stderr, done.returncode) == ("", 141)
 
     def test_nothing_is_overwritten(self, recording) -> None:
         source = recording.write()

@@ -64,9 +64,9 @@ def test_later_values_win_and_must_fit() -> None:
 def test_a_default_without_its_row_is_missed_in_words() -> None:
     assert defaults("supervisor")["stuck_time"] == 1.0
     with pytest.raises(
-        ParameterError, match=r"no default of 'motor_torque': .* cspr_msgs_py.parameters.table"
+        ParameterError, match=r"no parameter 'no_such_limit': .* cspr_msgs_py.parameters.table"
     ):
-        defaults("supervisor")["motor_torque"]
+        defaults("supervisor")["no_such_limit"]
 
 
 def test_the_table_names_what_a_bag_can_be_compressed_with() -> None:

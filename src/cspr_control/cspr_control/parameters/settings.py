@@ -20,7 +20,7 @@ from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_kinematics import Pose, Robot, bounded_methods
-from cspr_msgs_py.parameters.table import ALL_NODES
+from cspr_msgs_py.parameters.table import ALL_NODES, ParameterValues
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
 
 Settings = TypeVar("Settings")
@@ -37,7 +37,7 @@ def require_same(name: str, values: Mapping[str, Any]) -> None:
             )
 
 
-class NoticedValues(dict[str, Any]):
+class NoticedValues(ParameterValues):
     """Values by name that notice, in `names`, which of them are taken."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:

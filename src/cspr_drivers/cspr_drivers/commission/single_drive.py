@@ -101,7 +101,7 @@ class SingleDrive:
 
     def brake_open(self) -> bool:
         """Return whether the drive reports its brake open."""
-        return bool(self._device.read(_STATUS_WORD) & 1 << self._config.brake_open_bit)
+        return self._config.brake_is_open(self._device.read(_STATUS_WORD))
 
     def nudge(self, revolutions: float) -> int:
         """Let the motor turn, with the least torque that does, and close the brake; return the counts it moved.
@@ -208,7 +208,7 @@ class SingleDrive:
         while True:
             word = self._device.read(_STATUS_WORD)
             state = cia402.decode_state(word)
-            open_ = bool(word & 1 << self._config.brake_open_bit)
+            open_ = self._config.brake_is_open(word)
             if state is end and open_ == (target is Target.OPERATION_ENABLED):
                 return
             if state in (State.FAULT, State.FAULT_REACTION_ACTIVE):

@@ -123,6 +123,10 @@ class CanValues:
     torque_check: TorqueCheck
     timeouts: Timeouts
 
+    def brake_is_open(self, status_word: int) -> bool:
+        """Return whether a drive reports its brake open."""
+        return bool(status_word >> self.brake_open_bit & 1)
+
 
 @dataclass(frozen=True)
 class BusEntry:

@@ -55,7 +55,7 @@ class DriveGroup:
         self._everyone = frozenset(range(count))
         self._heard = [-math.inf] * count
         self._commanded = [-math.inf] * count
-        self._brake_open = 1 << config.brake_open_bit
+        self._brake_is_open = config.brake_is_open
         self._timeouts = config.timeouts
         self._watch = TransitionWatch(count, config.timeouts)
         self.state = DriverState.NOT_READY
@@ -96,7 +96,7 @@ class DriveGroup:
                 drive,
                 status_word=status_word,
                 state=decode_state(status_word),
-                brake_open=bool(status_word & self._brake_open),
+                brake_open=self._brake_is_open(status_word),
             )
         self._heard[index] = time
 

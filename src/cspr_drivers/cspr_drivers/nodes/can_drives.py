@@ -7,9 +7,9 @@ from functools import partial
 
 from cspr_drivers.bus.bus_load import require_fitting_cycle
 from cspr_drivers.bus.can_ports import CanPorts
+from cspr_drivers.driver_messages import drive_diagnostics, drive_states
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
-from cspr_drivers.nodes.driver_messages import drive_diagnostics, drive_states
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all

@@ -15,9 +15,9 @@ from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.driver_messages import bus_status
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.load_cells.master import LoadCellMaster
-from cspr_drivers.nodes.driver_messages import bus_status
 from cspr_msgs_py.parameters.table import AUTOSTART, CAN_CONFIG
 from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.process import report_health, sample_publisher, steady_timer

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 
 from cspr_drivers.bus.can_ports import CanPorts
+from cspr_drivers.driver_messages import load_cell_diagnostics, load_cell_states
 from cspr_drivers.load_cells.master import LoadCellMaster
-from cspr_drivers.nodes.driver_messages import load_cell_diagnostics, load_cell_states
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from geometry_msgs.msg import InertiaStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -23,7 +22,6 @@ from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, load_config
 from cspr_drivers.nodes.load_cells import LoadCells
 from cspr_drivers.simulation.robot_emulator import RobotEmulator
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import KinematicsError, Payload
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import report_health, run_nodes, sample_publisher, steady_timer, subscribe
@@ -99,13 +97,13 @@ class SimulatedRobot(Node):
         stamp = Time.from_msg(message.header.stamp).nanoseconds
         try:
             if message.header.frame_id not in ("", PLATFORM_FRAME):
-                raise KinematicsError(f"frame_id is '{message.header.frame_id}', expected '{PLATFORM_FRAME}'")
-            payload = Payload(mass, np.array([center.x, center.y, center.z]))
-        except KinematicsError as error:
+                raise DriverError(f"frame_id is '{message.header.frame_id}', expected '{PLATFORM_FRAME}'")
+            at = stamp * 1e-9 if stamp else None
+            self._emulator.change_payload(mass, (center.x, center.y, center.z), at)
+        except DriverError as error:
             self._refused_payloads += 1
             self.get_logger().error(f"payload refused: {error}")
             return
-        self._emulator.change_payload(payload, at=stamp * 1e-9 if stamp else None)
         self.get_logger().info(f"payload of {mass:g} kg accepted")
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:

@@ -26,7 +26,7 @@ from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.emulated_devices import EmulatedDevices
 from cspr_drivers.simulation.fault_injection import FaultInjector
 from cspr_drivers.simulation.simulation_config import SimulationConfig
-from cspr_kinematics import Payload
+from cspr_kinematics import KinematicsError, Payload
 
 if TYPE_CHECKING:
     from cspr_drivers.simulation.plant.plant import Plant
@@ -149,16 +149,27 @@ class RobotEmulator(EmulatedDevices):
         """What the platform carries now."""
         return self.machine.plant.payload
 
-    def change_payload(self, payload: Payload, at: float | None = None) -> None:
+    def change_payload(
+        self, mass: float, center_of_mass: tuple[float, float, float], at: float | None = None
+    ) -> None:
         """Let the platform carry another payload.
 
         Parameters
         ----------
-        payload
-            The payload in place of the present one.
+        mass, center_of_mass
+            Of the payload in place of the present one, kg, and m in the frame of the platform.
         at
             When, s on the system clock; a time in the past, or `None`, means now.
+
+        Raises
+        ------
+        DriverError
+            If no payload has them: the mass is negative, or a number is not finite.
         """
+        try:
+            payload = Payload(mass, center_of_mass)
+        except KinematicsError as error:
+            raise DriverError(str(error)) from None
         with self.machine.lock:
             time = self.machine.now() if at is None else self.machine.from_system_time(at)
             self.machine.change_payload(payload, time)

@@ -243,17 +243,17 @@ def _is_part(word: str, whole: str) -> bool:
     return (len(word) >= 3 and whole.startswith(word)) or SequenceMatcher(None, word, whole).ratio() >= 0.8
 
 
-class _Defaults(dict[str, Any]):
-    """Defaults by name, which says where one that is missing belongs."""
+class ParameterValues(dict[str, Any]):
+    """Values of a node's parameters by name; looking up one that has no row says where the row belongs."""
 
     def __missing__(self, name: str) -> Any:
-        raise ParameterError(f"no default of {name!r}: its row is missing in {__name__}.TABLE")
+        raise ParameterError(f"there is no parameter {name!r}: its row is missing in {__name__}.TABLE")
 
 
 def defaults(node: str) -> dict[str, Any]:
     """Return the defaults of a node's parameters by name, without those that depend on its robot or its buses."""
     rows = node_parameters(node).values()
-    return _Defaults((row.name, row.default) for row in rows if not isinstance(row.default, type))
+    return ParameterValues((row.name, row.default) for row in rows if not isinstance(row.default, type))
 
 
 def parameter_values(node: str, *given: Mapping[str, Any]) -> dict[str, Any]:

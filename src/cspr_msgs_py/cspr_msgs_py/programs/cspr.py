@@ -14,11 +14,17 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 
+from cspr_msgs_py.programs.command_line import run_program
+
 GROUP = "cspr.programs"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program that the first argument names; return its exit status, or 2 if there is none of that name."""
+    return run_program("cspr", lambda: _run(arguments), ())
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     programs = {entry.name: entry for entry in entry_points(group=GROUP)}
     if not words or words[0] in ("-h", "--help", "help"):
@@ -32,11 +38,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     sys.argv = [f"cspr {name}", *words[1:]]  # the program reads its arguments as if it were started alone
     try:
-        program = programs[name].load()
+        return int(programs[name].load()() or 0)
     except ModuleNotFoundError as error:
         print(f"cspr: {name} needs the Python package {error.name}, which is not installed", file=sys.stderr)
         return 1
-    return int(program() or 0)
+
+
+def main_of_executable() -> int:
+    """Run the program that bears the name of the executable, as ``ros2 run PACKAGE PROGRAM`` starts it."""
+    return main([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 def _help(programs: Iterable[EntryPoint]) -> str:
