@@ -80,7 +80,7 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
     DriverError
         In one line: what is wrong, and where. What was found until then is kept.
     """
-    can = CanConfig.from_yaml(config)
+    can = CanConfig.from_yaml(config, "name can.yaml with --config FILE")
     kept = FindingsFile(config.with_name(config.name + ".commissioning"))
     if restart:
         kept.remove()
