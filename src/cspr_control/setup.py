@@ -8,10 +8,7 @@ NODES = [
     *(f"{name} = {PACKAGE}.nodes.control_nodes:{name}" for name in COMPONENT_NODES),
     *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in ("motor_controller", "robot_markers", "control")),
 ]
-PROGRAMS = [
-    f"{name} = {PACKAGE}.programs.{name}:main"
-    for name in ("demo", "closed_loop", "analyze", "rerun", "workspace", "faults")
-]
+PROGRAMS = ("demo", "closed_loop", "analyze", "rerun", "workspace", "faults")
 
 setup(
     name=PACKAGE,
@@ -37,7 +34,10 @@ setup(
     description="Trajectories, feed-forward, motor control, payload estimation and supervision",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [*NODES, *PROGRAMS],
-        "cspr.programs": PROGRAMS,
+        "console_scripts": [
+            *NODES,
+            *(f"{name} = cspr_msgs_py.programs.cspr:main_of_executable" for name in PROGRAMS),
+        ],
+        "cspr.programs": [f"{name} = {PACKAGE}.programs.{name}:main" for name in PROGRAMS],
     },
 )

@@ -4,7 +4,6 @@ from setuptools import find_packages, setup
 
 PACKAGE = "cspr_drivers"
 NODES = ("can_drives", "load_cells", "drivers", "simulated_robot", "emulated_robot")
-PROGRAMS = [f"commission = {PACKAGE}.commission.program:main"]
 
 setup(
     name=PACKAGE,
@@ -31,7 +30,10 @@ setup(
     description="CiA 402 drives and CiA 404 load cells over CAN, and their simulation",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [*(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES), *PROGRAMS],
-        "cspr.programs": PROGRAMS,
+        "console_scripts": [
+            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
+            "commission = cspr_msgs_py.programs.cspr:main_of_executable",
+        ],
+        "cspr.programs": [f"commission = {PACKAGE}.commission.program:main"],
     },
 )

@@ -3,7 +3,7 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_msgs_py"
-PROGRAMS = [f"replay = {PACKAGE}.nodes.replay:main", f"recover = {PACKAGE}.programs.recover:main"]
+PROGRAMS = {"replay": f"{PACKAGE}.nodes.replay:main", "recover": f"{PACKAGE}.programs.recover:main"}
 
 setup(
     name=PACKAGE,
@@ -35,8 +35,8 @@ setup(
         "console_scripts": [
             f"cspr = {PACKAGE}.programs.cspr:main",
             f"recorder = {PACKAGE}.nodes.recorder:main",
-            *PROGRAMS,
+            *(f"{name} = {PACKAGE}.programs.cspr:main_of_executable" for name in PROGRAMS),
         ],
-        "cspr.programs": PROGRAMS,
+        "cspr.programs": [f"{name} = {main}" for name, main in PROGRAMS.items()],
     },
 )

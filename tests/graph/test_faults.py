@@ -10,43 +10,34 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from cspr_control.closed_loop.fault_outcome import LARGEST_DROP, Bench
+from cspr_control.closed_loop.fault_outcome import LARGEST_DROP, outcome_of
 from cspr_control.closed_loop.fault_scenarios import SCENARIOS
 from cspr_control.supervision.checks import FaultKind
+from cspr_kinematics import Robot
 
 ROOT = Path(__file__).parents[2]
+ROBOT = Robot.from_yaml(ROOT / "config" / "robot.yaml")
 
 # m. A cable of 4.5 m with a stiffness of 1.2 MN gives way by 4 mm for each kN that it takes over again.
 LARGEST_JUMP = 0.005
 
 
-@pytest.fixture(scope="module")
-def bench():
-    bench = Bench(ROOT / "config")
-    yield bench
-    bench.close()
-
-
-def check(bench, scenario, moving):
-    outcome = bench.outcome(scenario, moving)
+def check(scenario, moving):
+    outcome = outcome_of(scenario, moving, ROOT / "config")
     assert outcome.drop <= LARGEST_DROP
     assert outcome.jump < LARGEST_JUMP
     if outcome.controlled and not scenario.harms_tension:
-        assert outcome.lowest_tension > bench.robot.tension_min
+        assert outcome.lowest_tension > ROBOT.tension_min
 
 
-def named(scenario):
-    return scenario.name.replace(" ", "-")
+@pytest.mark.parametrize("scenario", [s for s in SCENARIOS if s.held], ids=lambda scenario: scenario.name)
+def test_fault_ends_held_and_the_operator_brings_the_robot_back(scenario):
+    check(scenario, moving=False)
 
 
-@pytest.mark.parametrize("scenario", [s for s in SCENARIOS if s.held], ids=named)
-def test_fault_ends_held_and_the_operator_brings_the_robot_back(bench, scenario):
-    check(bench, scenario, moving=False)
-
-
-@pytest.mark.parametrize("scenario", [s for s in SCENARIOS if s.moving], ids=named)
-def test_fault_in_motion_ends_in_the_same_way(bench, scenario):
-    check(bench, scenario, moving=True)
+@pytest.mark.parametrize("scenario", [s for s in SCENARIOS if s.moving], ids=lambda scenario: scenario.name)
+def test_fault_in_motion_ends_in_the_same_way(scenario):
+    check(scenario, moving=True)
 
 
 def documented():

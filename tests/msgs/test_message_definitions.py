@@ -1,11 +1,12 @@
 import pytest
+import rclpy
 from rosbags.typesys import get_types_from_msg
 from sensor_msgs.msg import JointState
 
 from cspr_msgs_py import message_definitions
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.message_definitions import message_class, message_definition
-from cspr_msgs_py.topics import graph_topics
+from cspr_msgs_py.message_definitions import message_class, message_definition, message_type_hash
+from cspr_msgs_py.topics import MOTOR_STATES, ROBOT_STATE, ROSOUT, graph_topics
 
 
 def test_class_by_name() -> None:
@@ -27,7 +28,7 @@ def test_what_is_not_installed_is_named(name: str) -> None:
 @pytest.fixture
 def without_files(monkeypatch: pytest.MonkeyPatch) -> None:
     """An installation without the .msg files."""
-    monkeypatch.setattr(message_definitions, "definition_file", lambda package, name: None)
+    monkeypatch.setattr(message_definitions, "shared_file", lambda package, name: None)
 
 
 TYPES = sorted({topic.type for topic in graph_topics(1)} | {"rcl_interfaces/msg/Log", "sensor_msgs/msg/Imu"})
@@ -36,7 +37,7 @@ TYPES = sorted({topic.type for topic in graph_topics(1)} | {"rcl_interfaces/msg/
 @pytest.mark.parametrize("name", TYPES)
 def test_it_is_the_text_of_the_files_where_there_are_any(name: str) -> None:
     package, _, short = name.split("/")
-    file = message_definitions.definition_file(package, short)
+    file = message_definitions.shared_file(package, f"{short}.msg")
     assert file is not None
     assert file.name == f"{short}.msg"
     assert message_definition(name).startswith(file.read_text().rstrip() + "\n")
@@ -51,6 +52,24 @@ def test_the_rebuilt_text_says_the_same_of_the_bytes(name: str, request: pytest.
     assert {each: fields for each, (_, fields) in rebuilt.items()} == {
         each: fields for each, (_, fields) in written.items()
     }
+
+
+def test_the_hash_of_a_type_is_the_one_that_publishers_tell() -> None:
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    try:
+        node = rclpy.create_node("hashes", context=context)
+        for topic in (MOTOR_STATES, ROBOT_STATE, ROSOUT):
+            node.create_publisher(message_class(topic.type), topic.name + "_hash", 1)
+            (told,) = node.get_publishers_info_by_topic(topic.name + "_hash")
+            assert message_type_hash(topic.type) == str(told.topic_type_hash)
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def test_what_is_not_installed_has_no_hash() -> None:
+    assert message_type_hash("no_such_msgs/msg/Thing") == ""
 
 
 def test_constants_have_their_names() -> None:

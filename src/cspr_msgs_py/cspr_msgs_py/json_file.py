@@ -28,11 +28,12 @@ def plain(value: Any) -> Any:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write a value as `plain` makes it.
+    """Write a value as `plain` makes it; directories that are missing are made.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(plain(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -6,6 +6,7 @@ class, which has everything that determines the bytes of a message.
 """
 
 import importlib
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,7 @@ def message_definition(type_name: str) -> str:
                 seen.add(nested)
                 pending.append(nested)
         package, _, name = current.split("/")
-        file = definition_file(package, name)
+        file = shared_file(package, f"{name}.msg")
         if file is not None:
             text = file.read_text(encoding="utf-8").rstrip() + "\n"
         else:
@@ -73,12 +74,21 @@ def message_definition(type_name: str) -> str:
     return "".join(sections)
 
 
-def definition_file(package: str, name: str) -> Path | None:
-    """Return the ``.msg`` file of a message, in the share directory of the prefix that its package is installed in."""
+def message_type_hash(type_name: str) -> str:
+    """Return the hash of a message type, ``RIHS01_...``, as publishers tell it; empty where it is not installed."""
+    package, _, name = type_name.split("/")
+    try:
+        file = shared_file(package, f"{name}.json")
+    except ImportError:
+        return ""
+    hashes = [] if file is None else json.loads(file.read_text(encoding="utf-8"))["type_hashes"]
+    return next((str(each["hash_string"]) for each in hashes if each["type_name"] == type_name), "")
+
+
+def shared_file(package: str, name: str) -> Path | None:
+    """Return a file about a message, in the share directory of the prefix that its package is installed in."""
     module = importlib.import_module(package)
-    places = (
-        parent / "share" / package / "msg" / f"{name}.msg" for parent in Path(str(module.__file__)).parents
-    )
+    places = (parent / "share" / package / "msg" / name for parent in Path(str(module.__file__)).parents)
     return next((place for place in places if place.is_file()), None)
 
 

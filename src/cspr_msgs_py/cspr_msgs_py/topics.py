@@ -63,6 +63,7 @@ MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
+LOG = "rcl_interfaces/msg/Log"
 
 
 def _stream(name: str, type: str, rate: Rate | float, writer: str, content: str) -> Topic:
@@ -191,6 +192,9 @@ SET_SIMULATED_PAYLOAD = _reliable(
     "payload that the simulated robot carries from header.stamp on (0 = now)",
 )
 _ROWS = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
+
+# What every node of ROS publishes by itself; no part of the graph, and so not among `graph_topics`.
+ROSOUT = _latched("/rosout", LOG, Rate.ON_REQUEST, "*", "lines of the log", depth=1000)
 
 
 def motor_command(k: int) -> Topic:

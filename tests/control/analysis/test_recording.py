@@ -111,7 +111,7 @@ def test_a_bag_that_was_cut_off_is_analysed_as_far_as_it_goes(
 
 def test_a_bag_without_a_robot(record: Callable[..., Path], tmp_path: Path) -> None:
     bag = record(robot_text=None)
-    with pytest.raises(ControlError, match=r"no robot to analyse with.*--robot FILE"):
+    with pytest.raises(ControlError, match=r"no robot to work with.*--robot FILE"):
         read_recording(bag, None, tmp_path)
     (remark,) = read_recording(bag, None, CONFIG).remarks
     assert "no robot.yaml attached" in remark

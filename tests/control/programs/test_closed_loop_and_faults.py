@@ -7,7 +7,9 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from cspr_control.programs import closed_loop, faults
+from cspr_control.closed_loop.fault_scenarios import SCENARIOS
+from cspr_control.closed_loop.scenario import FAULTS
+from cspr_control.programs import analyze, closed_loop, faults, rerun
 from cspr_msgs_py.bag.reader import Bag
 
 CONFIG = str(Path(__file__).parents[3] / "config")
@@ -35,11 +37,58 @@ def test_a_scenario_from_the_command_line(tmp_path, capsys):
         )
 
 
-def test_what_stopped_the_robot_is_said(capsys):
-    assert (
-        closed_loop.main(["--config", CONFIG, "--duration", "1", "--fault", "drive_silent motor_3@0.2"]) == 0
-    )
-    assert "stopped               drive fault: motor_3: silent" in capsys.readouterr().out
+def test_a_bag_of_simulated_time_is_analysed_and_rerun_alike(tmp_path, capsys):
+    arguments = ["--config", CONFIG, "--plant", "--duration", "5", "--add-payload", "25@0.5"]
+    assert closed_loop.main([*arguments, "--bag", str(tmp_path / "bag")]) == 0
+    assert analyze.main([str(tmp_path), "--config", CONFIG, "--no-figures"]) == 0
+    assert rerun.main([str(tmp_path)]) == 0
+    (run,) = json.loads((tmp_path / "analysis" / "metrics.json").read_text(encoding="utf-8"))["runs"]
+    compared = json.loads((tmp_path / "rerun" / "comparison.json").read_text(encoding="utf-8"))["payload"]
+    assert compared["recorded_quality"] == {
+        "settling_time": run["mass"]["settling"],
+        "final_error": run["mass"]["estimate"] - run["mass"]["true"],
+    }
+    with Bag(tmp_path / "bag") as bag:
+        (state,) = bag["/recorder_state"].messages
+        assert state.message == "recording"
+        channels = [channel for file in bag.files for channel in file.channels.values()]
+        assert all(channel.metadata["topic_type_hash"].startswith("RIHS01_") for channel in channels)
+
+
+def test_what_stopped_the_robot_is_said(tmp_path, capsys):
+    numbers, bag = tmp_path / "summary.json", tmp_path / "bag"
+    arguments = ["--config", CONFIG, "--duration", "1", "--json", str(numbers), "--bag", str(bag)]
+    assert closed_loop.main([*arguments, "--fault", "drive_silent motor_3@0.2"]) == 0
+    cause = json.loads(numbers.read_text(encoding="utf-8"))["cause"]
+    assert cause.startswith("drive fault: motor_3: silent")
+    assert f"not good: the robot stopped: {cause}" in capsys.readouterr().out
+    with Bag(bag) as reader:
+        lines = {(line.name, line.level, line.msg) for line in reader["/rosout"].messages}
+    assert any(name == "supervisor" and level >= 30 and cause in text for name, level, text in lines)
+
+
+@pytest.mark.parametrize("planned", [(), ("--fault", "drive_silent motor_3@0.9")])
+def test_a_fault_that_was_not_asked_for_is_a_failure(planned, capsys):
+    limit = ["--set", "supervisor.following_error=0.001"]
+    assert closed_loop.main(["--config", CONFIG, "--duration", "1", *limit, *planned]) == 1
+    assert "closed_loop: the robot stopped: following error: motor_" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (
+            "drive_slient motor_3@1",
+            "'drive_slient'; did you mean drive_silent? `cspr closed_loop --help` lists",
+        ),
+        ("sabotage motor_3@1", "'sabotage'; `cspr closed_loop --help` lists them"),
+        ("drive_silent motor_9@1", "'motor_9'"),
+    ],
+)
+def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys, monkeypatch):
+    monkeypatch.setattr("cspr_control.closed_loop.loop.ClosedLoop.begin", None)
+    assert closed_loop.main(["--config", CONFIG, "--fault", fault]) == 1
+    assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -90,17 +139,32 @@ def test_a_configuration_that_is_not_there(program, capsys, tmp_path):
     assert "robot.yaml is not there" in capsys.readouterr().err
 
 
-def test_the_table_of_faults(tmp_path, capsys):
+def test_the_table_of_faults_is_the_same_whatever_is_in_it(tmp_path, capsys):
     numbers = tmp_path / "faults.json"
-    assert faults.main(["--config", CONFIG, "emergency stop", "--json", str(numbers)]) == 0
+    assert faults.main(["--config", CONFIG, "emergency_stop", "--json", str(numbers)]) == 0
     row = capsys.readouterr().out.splitlines()[-1]
-    assert row.startswith("| emergency stop | drive fault: emergency stop: input of motor_1 | quick stop | ")
+    assert row.startswith("| emergency_stop | drive fault: emergency stop: input of motor_1 | quick stop | ")
     (said,) = json.loads(numbers.read_text(encoding="utf-8"))
-    assert said["fault"] == "emergency stop"
+    assert said["fault"] == "emergency_stop"
     assert 0.0 < said["held"]["duration"] < said["moving"]["duration"] < 0.3
+    assert faults.main(["--config", CONFIG, "emergency_stop", "drive_reset"]) == 0
+    assert row in capsys.readouterr().out.splitlines()
 
 
-def test_a_fault_that_is_not_known(capsys):
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("sabotage", "there is no fault 'sabotage'; `cspr faults --help` lists them"),
+        ("drive silent", "there is no fault 'drive silent'; did you mean drive_silent?"),
+    ],
+)
+def test_a_fault_that_is_not_known(name, words, capsys):
     with pytest.raises(SystemExit):
-        faults.main(["sabotage"])
-    assert "there is no fault 'sabotage'" in capsys.readouterr().err
+        faults.main([name])
+    assert words in capsys.readouterr().err
+
+
+def test_injected_faults_bear_one_name():
+    names = {scenario.name for scenario in SCENARIOS}
+    assert set(FAULTS) - names == {"brake_weak"}
+    assert all(name.replace("_", "").isalpha() for name in names)

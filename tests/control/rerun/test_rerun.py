@@ -359,10 +359,14 @@ def test_a_bag_without_configuration_takes_that_of_a_directory(graph, tmp_path):
 def test_a_configuration_that_differs_from_the_files_here_is_mentioned(graph, tmp_path, monkeypatch, capsys):
     bag = graph.write(tmp_path / "bag")
     (tmp_path / "config").mkdir()
-    (tmp_path / "config" / "control.yaml").write_text("other: 1\n", encoding="utf-8")
+    control, here = tmp_path / "config" / "control.yaml", CONFIG / "control.yaml"
     monkeypatch.chdir(tmp_path)
-    run(bag, "--output", tmp_path / "out", "--nodes", "mass_estimator")
-    assert "config/control.yaml differs from the control.yaml in the bag" in capsys.readouterr().err
+    control.write_text(f"# another comment\n{here.read_text(encoding='utf-8')}", encoding="utf-8")
+    run(tmp_path, "--output", tmp_path / "same", "--nodes", "mass_estimator")  # the directory of the run
+    assert capsys.readouterr().err == ""
+    control.write_text("other: 1\n", encoding="utf-8")
+    run(tmp_path, "--output", tmp_path / "out", "--nodes", "mass_estimator")
+    assert f"control.yaml in {bag} differs from config/control.yaml: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("type_name", DEFINITIONS)

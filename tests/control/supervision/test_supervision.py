@@ -282,6 +282,14 @@ def test_stale_topic_is_a_fault(rig, source):
         rig.assert_fault(actions, FaultKind.STALE_TOPIC, source.value)
 
 
+def test_a_number_that_rounds_to_zero_has_no_sign(rig):
+    rig.enabled()
+    rig.stuck[4] = True  # no noise
+    rig.load(4, -0.3)
+    rig.step(0.5)
+    assert rig.supervisor.fault.detail == "cable_5 at 0 N, limit 50 N"
+
+
 def test_following_error_is_a_fault_when_it_lasts(rig):
     rig.enabled()
     rig.angles = np.array([0.0] * 6 + [1.2, 0.0])

@@ -5,6 +5,8 @@ The machine is a bench: every winch turns by itself, and weights are hung on its
 
 import copy
 import itertools
+import json
+import shutil
 import threading
 import time
 from dataclasses import replace
@@ -272,7 +274,8 @@ def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_
     refused = why_not_enabled(rig.path, wait_until)
     assert "serial number" in refused
 
-    assert rig.walk() == 0
+    walked = rig.walk()
+    assert set(walked.winches) == set(walked.cells) == set(range(1, M + 1))
 
     true = swapped(content)
     found = yaml.safe_load(rig.path.read_text())
@@ -297,7 +300,7 @@ def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_
     assert "# One entry per motor, in the order of the cables in robot.yaml." in rig.path.read_text()
     diff = next(line for line in rig.person.lines if line.startswith("---"))
     assert "+  - {bus: main, node_id: 3, polarity: 1" in diff
-    assert not rig.path.with_name("can.yaml.commissioning").exists()
+    assert not rig.path.with_name("can.yaml.commission").exists()
     assert {key.partition(".")[0] for key in rig.person.asked} < set(QUESTIONS)
     # never more than one brake, never more torque than a tenth of 5 N m
     assert rig.bench.opened_together == 1
@@ -334,7 +337,7 @@ def why_not_enabled(path, wait_until):
 
 
 def test_ctrl_c_closes_the_brake_and_the_walk_goes_on_from_there(rig, content, wait_until):
-    file = FindingsFile(rig.path.with_name("can.yaml.commissioning"))
+    file = FindingsFile(rig.path.with_name("can.yaml.commission"))
     findings = known(swapped(content))
     rig.person.stop_at = "winch.node-2"
     with pytest.raises(KeyboardInterrupt):
@@ -384,7 +387,7 @@ def test_a_drive_stops_when_the_walk_is_killed(rig):
 def test_a_brake_that_slips_is_found(rig, content):
     findings = known(swapped(content))
     findings.winches[1].brake_holds = False
-    FindingsFile(rig.path.with_name("can.yaml.commissioning")).save(findings)
+    FindingsFile(rig.path.with_name("can.yaml.commission")).save(findings)
     rig.bench.holding[0] = 0.5  # N m: 80 kg pull with 1.3 N m
     with pytest.raises(DriverError, match=r"winch 1: its closed brake slips by .* under 80 kg: repair it"):
         rig.walk()
@@ -417,16 +420,11 @@ def test_it_does_not_start_beside_a_driver(rig, content):
 
 
 def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
-    FindingsFile(rig.path.with_name("can.yaml.commissioning")).save(known(swapped(content)))
+    FindingsFile(rig.path.with_name("can.yaml.commission")).save(known(swapped(content)))
     answers = tmp_path / "answers.yaml"
-    arguments = [
-        "--config",
-        str(rig.path),
-        "--robot",
-        str(ROOT / "config" / "robot.yaml"),
-        "--answers",
-        str(answers),
-    ]
+    shutil.copy(ROOT / "config" / "robot.yaml", rig.path.with_name("robot.yaml"))
+    numbers = tmp_path / "found" / "commission.json"
+    arguments = ["--config", str(rig.path.parent), "--answers", str(answers), "--json", str(numbers)]
     answers.write_text("home: perhaps\n")
     assert main(arguments) == 1
     assert capsys.readouterr().err == f"commission: {answers}: home: 'perhaps': answer yes or no\n"
@@ -441,8 +439,12 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
     assert main(arguments) == 1
     assert "can.yaml is unchanged; the findings are kept in" in capsys.readouterr().err
     assert rig.path.read_text() == before
+    assert not numbers.exists()
     answers.write_text("write: yes\n")
     assert main(arguments) == 0
+    found = json.loads(numbers.read_text(encoding="utf-8"))
+    assert found["winches"]["1"]["device"]["node_id"] == 3
+    assert (found["cells"]["1"]["scale"], found["cells"]["1"]["rms_residual"]) == (1.25, 0.1)
     assert "scale: 1.25, offset: 0.5" in rig.path.read_text()
     assert CanConfig.from_yaml(rig.path).drives[0].node_id == 3
     # the machine is the one that the file describes now: there is nothing to be done, unless that is wanted
@@ -458,7 +460,7 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
 
 
 def test_a_person_at_the_terminal_is_asked_again_and_may_leave_at_any_time(rig, content, monkeypatch, capsys):
-    file = FindingsFile(rig.path.with_name("can.yaml.commissioning"))
+    file = FindingsFile(rig.path.with_name("can.yaml.commission"))
     file.save(known(swapped(content)))
     arguments = ["--config", str(rig.path), "--robot", str(ROOT / "config" / "robot.yaml")]
     prompts, typed = [], []
@@ -519,6 +521,6 @@ def test_a_calibration_that_is_none_is_refused(readings, masses, problem):
 
 
 def test_findings_of_another_form_are_not_taken_up(rig):
-    rig.path.with_name("can.yaml.commissioning").write_text('{"form": 99}')
+    rig.path.with_name("can.yaml.commission").write_text('{"form": 99}')
     with pytest.raises(ConfigurationError, match=r"it has another format; start over with --restart"):
         rig.walk()

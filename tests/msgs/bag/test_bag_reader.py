@@ -143,9 +143,10 @@ class TestNoBag:
             Bag(tmp_path)
 
     def test_the_directory_around_a_bag(self, recording) -> None:
-        bag = recording.write()
-        with pytest.raises(BagError, match=f"perhaps {bag} is meant"):
-            Bag(bag.parent)
+        directory = recording.write()
+        with Bag(directory.parent) as bag:
+            assert bag.path == directory
+            assert bag.counts["/motor_states"] == recording.number
 
     def test_an_empty_file(self, tmp_path: Path) -> None:
         (tmp_path / "x.mcap").touch()

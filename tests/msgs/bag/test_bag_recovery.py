@@ -82,7 +82,7 @@ class TestExecutable:
         source = recording.write()
         file = source / "bag_0.mcap"
         file.write_bytes(file.read_bytes()[:-70_000])
-        done = run(source)
+        done = run(source.parent)  # the directory of the run
         assert done.returncode == 0, done.stderr
         first, second, *others = done.stdout.splitlines()
         recovered = source.with_name("bag_recovered")

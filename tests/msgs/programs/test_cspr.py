@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
 import sys
-from importlib.metadata import EntryPoint
+from argparse import ArgumentTypeError
+from importlib.metadata import EntryPoint, distribution
 from pathlib import Path
 
 import pytest
 
 from cspr_msgs_py.json_file import plain, write_json
 from cspr_msgs_py.programs import cspr
-from cspr_msgs_py.programs.command_line import program_parser, run_program
+from cspr_msgs_py.programs.command_line import output_file, output_path, program_parser, run_program
 
 
 def test_lists_every_program_and_imports_none() -> None:
@@ -61,6 +63,57 @@ def test_a_program_is_started_with_its_arguments(monkeypatch: pytest.MonkeyPatch
     assert cspr.main(["stand-in", "--rate", "2"]) == 7
 
 
+def test_an_executable_runs_the_program_of_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("cspr_control", "cspr_drivers", "cspr_msgs_py"):
+        points = distribution(package).entry_points
+        programs = {entry.name for entry in points if entry.group == cspr.GROUP}
+        executables = {entry.name: entry for entry in points if entry.group == "console_scripts"}
+        assert {executables[name].load() for name in programs} == {cspr.main_of_executable}
+    monkeypatch.setattr(sys, "argv", ["/somewhere/lib/stand-in", "--rate", "2"])
+    entry = EntryPoint("stand-in", "stand.in:main", cspr.GROUP)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: started)
+    monkeypatch.setattr(cspr, "entry_points", lambda group: [entry])
+    assert cspr.main_of_executable() == 7
+
+
+def needs_a_package() -> int:
+    """Stand in for a program that imports something optional while it runs."""
+    return int(importlib.import_module("no_such_package_at_all").main())
+
+
+@pytest.mark.parametrize("when", ["loaded", "running"])
+def test_a_package_that_is_missing_is_named(
+    when: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = "no_such_package_at_all" if when == "loaded" else __name__
+    entry = EntryPoint("stand-in", f"{module}:needs_a_package", cspr.GROUP)
+    monkeypatch.setattr(cspr, "entry_points", lambda group: [entry])
+    assert cspr.main(["stand-in"]) == 1
+    assert (
+        capsys.readouterr().err
+        == "cspr: stand-in needs the Python package no_such_package_at_all, which is not installed\n"
+    )
+
+
+def test_a_path_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    parser = program_parser("measure", "", "", json="the numbers")
+    (tmp_path / "file").touch()
+    for path, problem in (
+        (tmp_path / "file" / "out.json", f"{tmp_path / 'file'}: Not a directory"),
+        (tmp_path, "is a directory: name a file in it"),
+        (Path("/proc/out.json"), "/proc: No such file or directory"),
+    ):
+        with pytest.raises(ArgumentTypeError, match=problem):
+            output_file(str(path))
+        with pytest.raises(SystemExit) as ended:
+            parser.parse_args(["--json", str(path)])
+        assert ended.value.code == 2
+    new = tmp_path / "not" / "there" / "out.json"
+    write_json(parser.parse_args(["--json", str(new)]).json, {"rate": 250})
+    assert new.is_file()
+    assert output_path(str(tmp_path)) == tmp_path  # a directory that is there already
+
+
 def test_parser_teaches_and_takes_a_file(capsys: pytest.CaptureFixture[str]) -> None:
     parser = program_parser(
         "measure", "Measure\n  something.", "examples:\n  cspr measure", json="the numbers"
@@ -71,7 +124,7 @@ def test_parser_teaches_and_takes_a_file(capsys: pytest.CaptureFixture[str]) -> 
     text = capsys.readouterr().out
     assert "usage: cspr measure" in text
     assert "Measure\n  something." in text
-    assert "examples:\n  cspr measure" in text
+    assert "examples:\n  cspr measure\n\nexit status: 0 done, " in text
     assert not hasattr(program_parser("replay", "", "").parse_args([]), "json")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rcl_interfaces.msg import Log
 from rclpy.serialization import deserialize_message, serialize_message
 from tests.messages import diagnostic_array, diagnostic_status, inertia_stamped, pose_stamped
 
@@ -12,7 +13,7 @@ from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.joint_state import JointSample, JointStateCodec, JointStateSample
-from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, Status, StatusArray
+from cspr_msgs_py.wire.samples import InertiaSample, LogLine, PoseSample, Status, StatusArray
 from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 STAMP = 1_700_000_000_123_456_789
@@ -40,6 +41,13 @@ CASES = [
         StatusArray(STAMP, (STATUS, EMPTY, STATUS)),
         diagnostic_array(STAMP, map(status_message, (STATUS, EMPTY, STATUS))),
     ),
+    (
+        topics.ROSOUT,
+        LogLine(STAMP, Level.WARN, "läufer", "held"),
+        Log(
+            stamp=pose_stamped(STAMP, POSITION, QUATERNION).header.stamp, level=30, name="läufer", msg="held"
+        ),
+    ),
 ]
 
 
@@ -56,7 +64,7 @@ def test_messages_are_those_of_rclpy(topic, sample, message):
 
 @pytest.mark.parametrize(
     "topic",
-    [topics.ROBOT_STATE, topics.DRIVE_STATES, topics.PLATFORM_POSE, topics.PAYLOAD],
+    [topics.ROBOT_STATE, topics.DRIVE_STATES, topics.ROSOUT, topics.PLATFORM_POSE, topics.PAYLOAD],
     ids=lambda t: t.name,
 )
 def test_what_is_no_message_is_refused(topic):

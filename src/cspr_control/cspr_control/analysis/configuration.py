@@ -92,7 +92,7 @@ def read_configuration(
                 remarks.append(f"{bag} has no {ROBOT_FILE} attached: {source} is used in its place")
     except KinematicsError as error:
         raise ControlError(
-            f"{bag}: no robot to analyse with: {error} (name one with --robot FILE)"
+            f"{bag}: no robot to work with: {error} (name one: analyze --robot FILE, rerun --config DIR)"
         ) from error
     remarks += _compare_with_disk(files, bag, directory)
     return Configuration(files, robot, source), tuple(remarks)

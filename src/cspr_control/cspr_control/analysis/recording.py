@@ -19,7 +19,7 @@ from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.columns import Inertias, JointStates, Poses, References
-from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.bag.reader import Bag, find_bag
 from cspr_msgs_py.errors import BagError, BagWarning
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Controller, controller_label
@@ -112,12 +112,7 @@ class Recording:
 
     def in_window(self, time_ns: Times) -> NDArray[np.bool_]:
         """Return which times are on a trajectory, and so count for the numbers; all of them if there was none."""
-        if not self.trajectories:
-            return np.ones(time_ns.shape, dtype=bool)
-        inside = np.zeros(time_ns.shape, dtype=bool)
-        for run in self.trajectories:
-            inside |= (time_ns >= run.start_ns) & (time_ns <= run.end_ns)
-        return inside
+        return self.timeline.counts(time_ns)
 
     @property
     def trajectory(self) -> str:
@@ -153,12 +148,6 @@ def robot_clock(states: JointStates) -> Callable[[Times], Times]:
         return np.asarray(np.rint(time).astype(np.int64) + origin)
 
     return robot_time
-
-
-def find_bag(path: Path) -> Path:
-    """Return the bag that a path stands for: a bag itself, or the one inside the directory of a run."""
-    inside = path / "bag"
-    return inside if inside.is_dir() and not any(path.glob("*.mcap")) else path
 
 
 def read_recording(

@@ -16,7 +16,6 @@ from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.samples import Status
 
-LOG = "/rosout"
 Clock = Callable[[NDArray[np.int64]], NDArray[np.int64]]
 _WARNING, _ERROR = 30, 40  # levels of rcl_interfaces/Log
 
@@ -70,6 +69,13 @@ class Timeline:
     events: tuple[Event, ...]
     diagnostics: dict[str, tuple[tuple[int, Status], ...]]
 
+    def counts(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which times are on a trajectory, and so count for the numbers; all of them if there was none."""
+        inside = np.full(time_ns.shape, not self.trajectories)
+        for run in self.trajectories:
+            inside |= (time_ns >= run.start_ns) & (time_ns <= run.end_ns)
+        return inside
+
 
 def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
     """Read the status messages of a bag; topics that it lacks are left out.
@@ -111,7 +117,7 @@ def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
         *_drive_events(statuses(topics.DRIVE_STATES)),
         *_trajectory_events(trajectory),
         *(Event(t, EventKind.MARK, message.data) for t, message in read(topics.EVENTS.name)),
-        *_log_events(read(LOG)),
+        *_log_events(read(topics.ROSOUT.name)),
     ]
     return Timeline(
         _spans(robot, end_ns),

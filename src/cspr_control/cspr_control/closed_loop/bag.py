@@ -13,6 +13,9 @@ from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.bag.sample_bag import SampleBag
+from cspr_msgs_py.topics import RECORDER_STATE
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.samples import Status
 
 
 @contextmanager
@@ -41,6 +44,8 @@ def recorded(directory: Path, scenario: Scenario, loop: ClosedLoop[Any]) -> Iter
     file = BagFile(directory, information, scenario.attachments(), start_ns=start)
     bag = SampleBag(file, loop.robot.number_of_cables)
     loop.listeners.append(lambda topic, sample: bag.write(topic, time.system_ns(), sample))
+    recording = {"bag": directory.name, "cause": ""}  # in its own place: the bytes must not depend on that
+    bag.write(RECORDER_STATE, start, Status("recorder", Level.OK, "recording", recording))
     try:
         yield
     finally:

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from cspr_control.closed_loop.fault_scenarios import FaultScenario, RobotLoop, across, wait_until_set_up
+from cspr_control.closed_loop.fault_scenarios import FaultScenario, RobotLoop, sideways, wait_until_set_up
 from cspr_control.closed_loop.loop import ClosedLoopError
 from cspr_control.closed_loop.run import closed_loop
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.reference.point_to_point import PointToPoint
-from cspr_kinematics import Pose, Robot
 from cspr_msgs_py.vocabulary import RobotState
 
 PAYLOAD = 200.0  # kg on a platform of 153 kg
 LARGEST_DROP = 0.020  # m
+_WAY = 0.6  # m along x, of a robot that moves
 _SETTLING = 0.2  # s for which the robot is watched after the brakes hold
 
 
@@ -52,17 +52,40 @@ class FaultError(ClosedLoopError):
     """A fault did not end as it must."""
 
 
-def run(loop: RobotLoop, scenario: FaultScenario, moving: bool = False) -> Outcome:
-    """Let a fault happen to a robot that is enabled, see it end, and bring the robot back to being enabled.
+def outcome_of(scenario: FaultScenario, moving: bool, config: Path) -> Outcome:
+    """Let a fault happen to a robot that carries `PAYLOAD`, see it end, and bring the robot back to being enabled.
+
+    Parameters
+    ----------
+    scenario
+        The fault.
+    moving
+        Whether the robot moves, or holds its load still.
+    config
+        Directory of the configuration.
 
     Raises
     ------
     FaultError
         If it ends otherwise than held, brakes closed, latched and named, or the robot cannot be brought back.
     """
+    loop = closed_loop(Scenario(payload=PAYLOAD, config=config))
+    try:
+        loop.begin()
+        loop.time.wait(2.0)  # the estimate of the payload settles
+        loop.enable()
+        if moving:
+            way = _WAY * scenario.towards
+            loop.play(lambda here: PointToPoint(here, sideways(here, way), loop.player.limits))
+            middle = (loop.player.start_time + loop.player.end_time) / 2  # where it is fastest
+            loop.time.wait((middle - loop.time.system_ns()) * 1e-9)
+        return _run(loop, scenario)
+    finally:
+        loop.machine.close()
+
+
+def _run(loop: RobotLoop, scenario: FaultScenario) -> Outcome:
     robot, plant, time = loop.machine, loop.machine.plant, loop.time
-    if moving:
-        _move(loop, scenario.towards)
     heights: list[float] = []
     tensions: list[float] = []
     states: list[RobotState] = []
@@ -98,11 +121,11 @@ def run(loop: RobotLoop, scenario: FaultScenario, moving: bool = False) -> Outco
     time.wait(_SETTLING)
     _require_held(loop, scenario)
     return Outcome(
-        cause, RobotState.STOPPING in states, duration, drop, min(tensions), recover(loop, scenario.rest)
+        cause, RobotState.STOPPING in states, duration, drop, min(tensions), _recover(loop, scenario.rest)
     )
 
 
-def recover(loop: RobotLoop, rest: float) -> float:
+def _recover(loop: RobotLoop, rest: float) -> float:
     """Reset and enable as the operator does; return the largest movement of the platform meanwhile, m."""
     robot, plant, time = loop.machine, loop.machine.plant, loop.time
     wait_until_set_up(loop)
@@ -121,18 +144,6 @@ def recover(loop: RobotLoop, rest: float) -> float:
     return max(away)
 
 
-def _move(loop: RobotLoop, towards: float | None) -> None:
-    """Bring the platform to full speed, level."""
-    home = loop.robot.home  # level, whatever the faults before have left
-    here = loop.player.held_pose
-    if towards is not None and here is not None and here.position[0] * towards > -0.1:
-        start = home.position - np.array([0.4 * towards, 0.0, 0.0])
-        loop.play(lambda here: PointToPoint(here, Pose(start, home.rotation), loop.player.limits))
-        loop.wait_until(lambda: loop.player.phase.at_rest, 10.0, lambda: "the platform is still moving")
-    loop.play(lambda here: PointToPoint(here, across(here, 0.4, home), loop.player.limits))
-    loop.time.wait(loop.player.dwell + 1.0)
-
-
 def _require_held(loop: RobotLoop, scenario: FaultScenario) -> None:
     _require(loop.state is RobotState.FAULT, "not latched", loop)
     _require(scenario.cause in loop.cause, f"the cause does not name '{scenario.cause}'", loop)
@@ -148,45 +159,3 @@ def _require(condition: bool, problem: str, loop: RobotLoop) -> None:
         raise FaultError(
             f"{problem}; robot {loop.state.value} ({loop.cause}), drives {state.value} ({cause})"
         )
-
-
-class Bench:
-    """A robot that is enabled, for one scenario after the other; another one after a scenario that failed.
-
-    Parameters
-    ----------
-    config
-        Directory of the configuration.
-    """
-
-    def __init__(self, config: Path) -> None:
-        self._config = config
-        self._loop: RobotLoop | None = None
-
-    @property
-    def robot(self) -> Robot:
-        """The robot as the controllers believe it to be."""
-        return self._enabled().robot
-
-    def outcome(self, scenario: FaultScenario, moving: bool) -> Outcome:
-        """Let a fault happen; raises what `run` does."""
-        try:
-            return run(self._enabled(), scenario, moving)
-        except BaseException:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        """End the robot."""
-        if self._loop is not None:
-            self._loop.machine.close()
-            self._loop = None
-
-    def _enabled(self) -> RobotLoop:
-        """Return the robot; it carries `PAYLOAD` and holds it, enabled."""
-        if self._loop is None:
-            self._loop = closed_loop(Scenario(payload=PAYLOAD, config=self._config))
-            self._loop.begin()
-            self._loop.time.wait(2.0)  # the estimate of the payload settles
-            self._loop.enable()
-        return self._loop

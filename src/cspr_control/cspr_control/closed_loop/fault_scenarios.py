@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class FaultScenario:
     Attributes
     ----------
     name
-        As in docs/operation.md.
+        That of the injected fault, if it is one.
     begin
         Lets it happen.
     cause
@@ -45,7 +44,7 @@ class FaultScenario:
     onset
         What makes it a fault, where that takes a while from `begin` on; time and height count from then.
     towards
-        Where a robot that moves goes along x, -1 or 1, if it matters: for what happens then, and so for its cause.
+        Where a robot that moves goes along x, -1 or 1.
     moving, held
         Whether it can happen to a robot that moves, and to one that is held still.
     lasts
@@ -61,16 +60,12 @@ class FaultScenario:
     cause: str
     end: Callable[[RobotLoop], None] = lambda loop: loop.machine.faults.clear()
     onset: Callable[[RobotLoop], bool] = lambda loop: True
-    towards: float | None = None
+    towards: float = 1.0
     moving: bool = True
     held: bool = True
     lasts: float = 2.0
     rest: float = 0.1
     harms_tension: bool = False
-
-
-def _inject(fault: InjectedFault, place: int | str = _PLACE) -> Callable[[RobotLoop], None]:
-    return lambda loop: loop.machine.faults.inject(FaultOrder(fault, place))
 
 
 def _answer(torque: Callable[[float], float | None]) -> Callable[[RobotLoop], None]:
@@ -101,15 +96,14 @@ def _leave_workspace(loop: RobotLoop) -> None:
     loop.play(lambda here: PointToPoint(here, outside, quick))
 
 
-def across(here: Pose, distance: float, otherwise: Pose) -> Pose:
-    """Return the pose so far from the middle, m along x, on the other side of it; otherwise as another pose."""
-    x = math.copysign(distance, -here.position[0] - 1e-9)
-    return Pose(np.array([x, *otherwise.position[1:]]), otherwise.rotation)
+def sideways(here: Pose, distance: float) -> Pose:
+    """Return the pose so far along x, m, from another."""
+    return Pose(here.position + np.array([distance, 0.0, 0.0]), here.rotation)
 
 
 def _hurry(loop: RobotLoop) -> None:
     quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
-    loop.play(lambda here: PointToPoint(here, across(here, 1.0, here), quick))
+    loop.play(lambda here: PointToPoint(here, sideways(here, 1.0), quick))
 
 
 def _lift_what_is_caught(loop: RobotLoop) -> None:
@@ -141,51 +135,60 @@ def _wind_back(loop: RobotLoop) -> None:
     plant.set_torque(_PLACE, 0.0)
 
 
-_drum_turns = partial(FaultScenario, end=_wind_back, harms_tension=True, rest=2.0)
+def _injected(fault: InjectedFault, cause: str, place: int | str = _PLACE, **how: Any) -> FaultScenario:
+    order = FaultOrder(fault, place)
+    return FaultScenario(fault.value, lambda loop: loop.machine.faults.inject(order), cause, **how)
+
+
+_DRUM_TURNS: dict[str, Any] = {"end": _wind_back, "harms_tension": True, "rest": 2.0}
 
 SCENARIOS = (
-    FaultScenario("command stale", _stale_command, "older than the command timeout"),
-    FaultScenario("command not finite", _answer(lambda torque: math.nan), "not finite", _heal_controllers),
+    FaultScenario("command_stale", _stale_command, "older than the command timeout"),
+    FaultScenario("command_not_finite", _answer(lambda torque: math.nan), "not finite", _heal_controllers),
     FaultScenario(
-        "command beyond the limit", _answer(lambda torque: 50.0), "beyond the torque limit", _heal_controllers
+        "command_beyond_limit", _answer(lambda torque: 50.0), "beyond the torque limit", _heal_controllers
     ),
-    FaultScenario("command for an unknown motor", _unknown_motor, "unreadable"),
-    FaultScenario("controller killed", _answer(lambda torque: None), "motor_3", _heal_controllers),
+    FaultScenario("command_for_unknown_motor", _unknown_motor, "unreadable"),
+    FaultScenario("controller_killed", _answer(lambda torque: None), "motor_3", _heal_controllers),
     FaultScenario(
-        "driver frozen for 1 s",
+        "driver_frozen",
         _freeze,
         "stale topic",
         lambda loop: loop.wait_until(lambda: loop.machine.driver_runs, 2.0, lambda: "the driver hangs"),
         lasts=3.0,
     ),
     FaultScenario(
-        "driver killed",
+        "driver_killed",
         lambda loop: loop.machine.kill_driver(),
         "stale topic",
         lambda loop: loop.machine.restart_driver(),
         lasts=3.0,
     ),
-    FaultScenario(
-        "driver ended, Ctrl-C or SIGTERM", lambda loop: loop.machine.drives.disable(), "by themselves"
+    FaultScenario("driver_ended", lambda loop: loop.machine.drives.disable(), "by themselves"),
+    _injected(InjectedFault.DRIVE_SILENT, "motor_3"),
+    _injected(InjectedFault.DRIVE_NO_FEEDBACK, "motor_3"),
+    _injected(InjectedFault.DRIVE_NO_HEARTBEAT, "motor_3"),
+    _injected(InjectedFault.DRIVE_RESET, "motor_3"),
+    _injected(InjectedFault.DRIVE_FAULT, "motor_3"),
+    _injected(InjectedFault.DRIVE_WRONG_MODE, "motor_3"),
+    _injected(InjectedFault.DRIVE_EMERGENCY, "motor_3"),
+    _injected(InjectedFault.DRIVE_RUNAWAY, "motor_3 applies", **_DRUM_TURNS),
+    _injected(
+        InjectedFault.WINCH_BLOCKED,
+        "motor_3",
+        **_DRUM_TURNS,
+        towards=-1.0,
+        held=False,
     ),
-    FaultScenario("drive silent", _inject(InjectedFault.DRIVE_SILENT), "motor_3"),
-    FaultScenario("drive without feedback", _inject(InjectedFault.DRIVE_NO_FEEDBACK), "motor_3"),
-    FaultScenario("drive without heartbeat", _inject(InjectedFault.DRIVE_NO_HEARTBEAT), "motor_3"),
-    FaultScenario("drive resets", _inject(InjectedFault.DRIVE_RESET), "motor_3"),
-    FaultScenario("drive in fault", _inject(InjectedFault.DRIVE_FAULT), "motor_3"),
-    FaultScenario("drive in the wrong mode", _inject(InjectedFault.DRIVE_WRONG_MODE), "motor_3"),
-    FaultScenario("drive reports EMCY", _inject(InjectedFault.DRIVE_EMERGENCY), "motor_3"),
-    _drum_turns("drive runs away", _inject(InjectedFault.DRIVE_RUNAWAY), "motor_3 applies"),
-    _drum_turns("winch blocked", _inject(InjectedFault.WINCH_BLOCKED), "motor_3", towards=-1.0, held=False),
-    _drum_turns("controller without torque", _answer(lambda torque: 0.0), "motor_3"),
-    FaultScenario("load cell silent", _inject(InjectedFault.LOAD_CELL_SILENT), "cable_3"),
-    FaultScenario("load cell saturated", _inject(InjectedFault.LOAD_CELL_SATURATED), "cable_3"),
-    FaultScenario("load cell stuck", _inject(InjectedFault.LOAD_CELL_STUCK), "cable_3", lasts=4.0),
-    FaultScenario("load cell drifts", _inject(InjectedFault.LOAD_CELL_DRIFTING), "cable_3", lasts=8.0),
-    FaultScenario("slack cable", _inject(InjectedFault.CABLE_SLACK), "cable", harms_tension=True, rest=2.0),
-    _drum_turns("drive pulls", _inject(InjectedFault.DRIVE_PULLING), "motor_3 applies"),
+    FaultScenario("controller_no_torque", _answer(lambda torque: 0.0), "motor_3", **_DRUM_TURNS),
+    _injected(InjectedFault.LOAD_CELL_SILENT, "cable_3"),
+    _injected(InjectedFault.LOAD_CELL_SATURATED, "cable_3"),
+    _injected(InjectedFault.LOAD_CELL_STUCK, "cable_3", lasts=4.0),
+    _injected(InjectedFault.LOAD_CELL_DRIFTING, "cable_3", lasts=8.0),
+    _injected(InjectedFault.CABLE_SLACK, "cable", harms_tension=True, rest=2.0),
+    _injected(InjectedFault.DRIVE_PULLING, "motor_3 applies", **_DRUM_TURNS),
     FaultScenario(
-        "overloaded cable",
+        "platform_caught",
         _lift_what_is_caught,
         "tension above its limit",
         onset=lambda loop: bool(loop.machine.plant.tensions().max() > loop.robot.tension_max),
@@ -204,31 +207,27 @@ SCENARIOS = (
         lasts=6.0,
     ),
     FaultScenario(
-        "workspace left",
+        "workspace_left",
         _leave_workspace,
         "workspace",
         onset=lambda loop: bool(loop.machine.plant.platform_position()[1] > loop.robot.workspace_max[1]),
         moving=False,
         lasts=12.0,
     ),
-    FaultScenario("emergency stop", _inject(InjectedFault.EMERGENCY_STOP), "emergency stop"),
+    _injected(InjectedFault.EMERGENCY_STOP, "emergency stop"),
     FaultScenario(
-        "operator's quick stop",
+        "quick_stop",
         lambda loop: loop.machine.drives.quick_stop("quick stop commanded"),
         "quick stop commanded",
     ),
-    FaultScenario("bus cut", _inject(InjectedFault.BUS_CUT, "main"), "all drives: silent"),
-    FaultScenario("bus-off", _inject(InjectedFault.BUS_OFF, "main"), "bus main: bus-off"),
-    FaultScenario("interface down", _inject(InjectedFault.BUS_DOWN, "main"), "bus main: Network is down"),
+    _injected(InjectedFault.BUS_CUT, "all drives: silent", "main"),
+    _injected(InjectedFault.BUS_OFF, "bus main: bus-off", "main"),
+    _injected(InjectedFault.BUS_DOWN, "bus main: Network is down", "main"),
+    _injected(InjectedFault.BUS_REMOVED, "bus main: No such device", "main"),
+    _injected(InjectedFault.BUS_BABBLING, "silent", "main"),
+    _injected(InjectedFault.BUS_ERROR_FRAMES, "silent", "main"),
     FaultScenario(
-        "interface removed", _inject(InjectedFault.BUS_REMOVED, "main"), "bus main: No such device"
-    ),
-    FaultScenario(
-        "bus full of a babbling node's frames", _inject(InjectedFault.BUS_BABBLING, "main"), "silent"
-    ),
-    FaultScenario("error frames", _inject(InjectedFault.BUS_ERROR_FRAMES, "main"), "silent"),
-    FaultScenario(
-        "recorder's disk full",
+        "disk_full",
         lambda loop: loop.publish(
             RECORDER_STATE, Status("recorder", Level.ERROR, "failed", {"cause": "no space left on device"})
         ),

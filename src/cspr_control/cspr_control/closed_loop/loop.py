@@ -17,9 +17,9 @@ from cspr_control.reference.player import TrajectoryPlayer
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision, Supervisor
 from cspr_kinematics import Pose, Robot
-from cspr_msgs_py.topics import DIAGNOSTICS, PAYLOAD, SIMULATED_PAYLOAD, Topic, motor_command
+from cspr_msgs_py.topics import DIAGNOSTICS, PAYLOAD, ROSOUT, SIMULATED_PAYLOAD, Topic, motor_command
 from cspr_msgs_py.vocabulary import RobotState
-from cspr_msgs_py.wire.samples import InertiaSample
+from cspr_msgs_py.wire.samples import InertiaSample, LogLine
 
 SERVICE_TIME = 0.002  # s from a call of a service to its answer
 _PAYLOAD_PERIOD = 0.02  # s between two words about the true payload
@@ -61,8 +61,6 @@ class ClosedLoop(Generic[M]):
         Motors, from 0, by the names of the topics of their commands.
     tampering
         Changes the torques that controllers command, by motor from 0; None takes them away.
-    log
-        Lines that the graph gave for the log.
     """
 
     def __init__(
@@ -82,7 +80,6 @@ class ClosedLoop(Generic[M]):
         self.time = machine.time
         self.listeners: list[Listener] = []
         self.tampering: dict[int, Callable[[float], float | None]] = {}
-        self.log: list[str] = []
         self._latency = latency
         self._speed = speed
         self.motors = {motor_command(k + 1).name: k for k in range(robot.number_of_cables)}
@@ -217,8 +214,8 @@ class ClosedLoop(Generic[M]):
             elif isinstance(output, Call):
                 self.time.at(self.time.monotonic() + SERVICE_TIME, partial(self._call, output))
             elif isinstance(output, Remark):
-                self.log.append(f"{output.component}: {output.text}")
-
+                name, level, text = output
+                self.publish(ROSOUT, LogLine(self.time.system_ns(), level, name, text))
         if commands:
             self.time.at(self.time.monotonic() + self._latency, partial(self.machine.command, commands))
 

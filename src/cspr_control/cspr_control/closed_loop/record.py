@@ -95,7 +95,7 @@ class LoopRecord:
         cycle = CycleMetrics.of(np.diff(self.time), missed, window, len(self.time), missed, *latencies)
         scenario = self.scenario
         run = scenario.controller, scenario.exact_mass, scenario.trajectory.value
-        return RunSummary(*run, window, self.errors, self.mass, cycle, bag)
+        return RunSummary(*run, window, self.errors, self.mass, cycle, bag, self.cause)
 
 
 class _Cycle(NamedTuple):

@@ -38,11 +38,13 @@ from cspr_msgs_py.topics import (
     DRIVE_STATES,
     LOAD_CELL_STATES,
     MOTOR_STATES,
+    ROSOUT,
     Topic,
     cable_names,
 )
+from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.joint_state import JointStateSample
-from cspr_msgs_py.wire.samples import Status, StatusArray
+from cspr_msgs_py.wire.samples import LogLine, Status, StatusArray
 
 TICK = 0.004  # s between two looks of a device at its time-outs and its brake
 _STATE_PERIOD = 0.02  # s; how soon a change of state is published
@@ -76,8 +78,6 @@ class SimulatedRobot:
         Puts faults into devices and buses.
     on_tick
         Called every `TICK`.
-    log
-        Lines of the driver.
     """
 
     def __init__(
@@ -98,7 +98,6 @@ class SimulatedRobot:
         self.faults = FaultInjector(self.devices, self.amplifiers, self.machine, timings)
         self.publish: Publish = lambda topic, sample: None
         self.on_tick: Callable[[], None] = lambda: None
-        self.log: list[str] = []
         self._published: dict[Topic, tuple[object, float]] = {}
         self._cables = cable_names(len(can_config.load_cells))
         self._emulated.power_on()
@@ -187,9 +186,15 @@ class SimulatedRobot:
         """Open the driver's ends of the buses, and make the two masters."""
         self.ports = CanPorts([line.open() for line in self._buses.values()])
         self.drives = DriveMaster(
-            self.config, self.ports, self._publish_motors, self.log.append, _SimulatedCycleClock
+            self.config,
+            self.ports,
+            self._publish_motors,
+            partial(self._warn, "can_drives"),
+            _SimulatedCycleClock,
         )
-        self.load_cells = LoadCellMaster(self.config, self.ports, self._publish_tensions, self.log.append)
+        self.load_cells = LoadCellMaster(
+            self.config, self.ports, self._publish_tensions, partial(self._warn, "load_cells")
+        )
 
     def _end_driver(self) -> None:
         self.time.end_tasks()
@@ -208,6 +213,9 @@ class SimulatedRobot:
 
     def _publish_tensions(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self.publish(CABLE_TENSIONS, JointStateSample(stamp_ns, _NONE, _NONE, np.array(tensions)))
+
+    def _warn(self, node: str, text: str) -> None:
+        self.publish(ROSOUT, LogLine(self.time.system_ns(), Level.WARN, node, text))
 
     def _publish_states(self) -> None:
         if not self.driver_runs:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.machine import Machine
 from cspr_control.closed_loop.record import LoopRecord, LoopRecorder
 from cspr_control.closed_loop.robot import SimulatedRobot
-from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.closed_loop.scenario import PlannedFault, Scenario
 from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_control.parameters.control_settings import control_settings, robot_file
 from cspr_control.reference.catalogue import make_trajectory
@@ -26,6 +27,7 @@ from cspr_control.reference.trajectory import Trajectory
 from cspr_drivers.bus.bus_load import require_fitting_cycle
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
+from cspr_drivers.simulation.fault_injection import FaultOrder
 from cspr_kinematics import Payload, Pose, Robot
 from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
@@ -91,6 +93,8 @@ def run(
 def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> None:
     """Do what an operator does, from switching on to switching off."""
     begin = loop.time.monotonic()
+    faults = [(planned, loop.machine.faults.read(planned.fault)) for planned in scenario.faults]
+    first = min((planned.time for planned in scenario.faults), default=math.inf)
 
     def pause(step: str, duration: float, done: Callable[[], bool] = lambda: False) -> bool:
         end = loop.time.monotonic() + duration
@@ -105,7 +109,8 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
     player = loop.player
 
     def stopped() -> bool:
-        if loop.state is RobotState.FAULT and not scenario.faults:
+        early = not player.start_time or loop.time.system_ns() < player.start_time + first * 1e9
+        if loop.state is RobotState.FAULT and early:
             raise ClosedLoopError(f"the robot stopped: {loop.cause}")
         return loop.state is RobotState.FAULT
 
@@ -113,7 +118,7 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
         return stopped() or player.phase.at_rest
 
     pause("measuring the load", _MEASURING, stopped)
-    _start(loop, scenario)
+    _start(loop, scenario, faults)
 
     moving = (player.end_time - loop.time.system_ns()) * 1e-9
     if scenario.duration is not None:
@@ -125,9 +130,12 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
     pause("settling", _SETTLING)
     loop.order("/supervisor/stop")
     pause("stopping", _SETTLING, lambda: loop.state in (RobotState.DISABLED, RobotState.FAULT))
+    stopped()
 
 
-def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:
+def _start(
+    loop: ClosedLoop[Any], scenario: Scenario, faults: Sequence[tuple[PlannedFault, FaultOrder]]
+) -> None:
     """Begin the trajectory, and plan what happens on it."""
     player, settings = loop.player, loop.settings
 
@@ -145,8 +153,7 @@ def _start(loop: ClosedLoop[Any], scenario: Scenario) -> None:
     lasts = (player.end_time - player.start_time) * 1e-9
     if scenario.duration is not None:
         lasts = min(lasts, scenario.duration)
-    for planned in scenario.faults:
-        order = loop.machine.faults.read(planned.fault)
+    for planned, order in faults:
         if planned.time > lasts + _SETTLING:
             raise ClosedLoopError(
                 f"{planned.fault} at {planned.time:g} s would come too late: the trajectory is over after {lasts:g} s"

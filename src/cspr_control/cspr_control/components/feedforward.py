@@ -110,15 +110,15 @@ class FeedforwardComponent(Component):
         if newest is not None:
             values |= {
                 "payload_status": newest.payload_status.value,
-                "payload_mass": f"{newest.payload.mass:.3f}",
-                "lowest_tension": f"{newest.tensions.min():.1f}",
-                "highest_tension": f"{newest.tensions.max():.1f}",
+                "payload_mass": f"{newest.payload.mass:z.3f}",
+                "lowest_tension": f"{newest.tensions.min():z.1f}",
+                "highest_tension": f"{newest.tensions.max():z.1f}",
                 "wrench_residual": f"{newest.wrench_residual:.3g}",
             }
             if settings.model is not FeedforwardModel.NONE:
                 margins = Margins.of(newest, self._robot)
                 values |= {
-                    "tension_margin": f"{margins.tension:.1f}",
-                    "wrench_margin": f"{margins.wrench:.1f}",
+                    "tension_margin": f"{margins.tension:z.1f}",
+                    "wrench_margin": f"{margins.wrench:z.1f}",
                 }
         return self._status(level, text, values)

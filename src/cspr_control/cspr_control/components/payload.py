@@ -84,8 +84,8 @@ class PayloadComponent(Component):
             "valid": str(estimate.valid).lower(),
             "invalidities": " ".join(cause.name.lower() for cause in estimate.invalidities),
             "samples": estimate.samples,
-            "published_mass": f"{estimate.published.mass:.3f}",
-            "filtered_mass": f"{estimate.filtered_mass:.3f}",
+            "published_mass": f"{estimate.published.mass:z.3f}",
+            "filtered_mass": f"{estimate.filtered_mass:z.3f}",
             "filtered_center_x": f"{estimate.filtered_center[0]:.4f}",
             "filtered_center_y": f"{estimate.filtered_center[1]:.4f}",
             "unusable_messages": self.unusable,
@@ -93,7 +93,7 @@ class PayloadComponent(Component):
         }
         if estimate.raw is not None:
             values |= {
-                "raw_mass": f"{estimate.raw.mass:.3f}",
-                "raw_total_mass": f"{estimate.raw.total_mass:.3f}",
+                "raw_mass": f"{estimate.raw.mass:z.3f}",
+                "raw_total_mass": f"{estimate.raw.total_mass:z.3f}",
             }
         return self._status(level, text, values)

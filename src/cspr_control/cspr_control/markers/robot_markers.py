@@ -141,7 +141,7 @@ def payload_shapes(pose: Pose, payload: Payload) -> list[Shape]:
     shown = payload.mass >= SHOWN_PAYLOAD
     diameter = 2.0 * math.cbrt(3.0 * payload.mass / (4.0 * math.pi * STEEL)) if shown else 1e-3
     above = center + np.array([0.0, 0.0, 0.5 * diameter + 2.0 * TEXT_HEIGHT])
-    text = f"{payload.mass:.1f} kg" if shown else "no payload"
+    text = f"{payload.mass:z.1f} kg" if shown else "no payload"
     return [
         Shape("payload", ShapeKind.BALLS, PAYLOAD_COLOUR, (diameter,) * 3, center[None]),
         Shape(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cspr_control.analysis.numbers.tables import format_runs
-from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, find_bag
+from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY
 from cspr_control.analysis.results import (
     FIGURES,
     METRICS,
@@ -19,13 +19,19 @@ from cspr_control.analysis.results import (
 )
 from cspr_control.analysis.run_analysis import analyse_bags
 from cspr_control.errors import ControlError
+from cspr_msgs_py.bag.reader import find_bag
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
+from cspr_msgs_py.programs.command_line import (
+    output_path,
+    program_parser,
+    run_program,
+    show_progress,
+)
 
 DESCRIPTION = """\
 Analyse recorded runs: how well the motors followed, what the cables carried, how good the mass estimate was.
 
-BAG is a bag (a directory, or one of its .mcap files) or the directory of a run of the demo. Several bags of one robot
+BAG is a bag (a directory, or one of its .mcap files) or the directory of a run. Several bags of one robot
 are compared side by side. No ROS graph is needed or touched. The numbers cover the trajectory that was followed,
 or the whole recording if there was none. Written into the output directory:
 
@@ -37,9 +43,7 @@ examples:
   cspr analyze runs/latest                                  the newest run of the demo
   cspr analyze runs/A runs/B --label "kp 2" --label "kp 4"  two runs side by side
   cspr analyze BAG --robot config/robot.yaml                a bag that no configuration was attached to
-  cspr analyze BAG --no-figures --json numbers.json         numbers for another program
-
-exit status: 0 done, 1 a bag cannot be analysed or nothing could be written, 2 wrong arguments, 130 interrupted"""
+  cspr analyze BAG --no-figures --json numbers.json         numbers for another program"""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -57,7 +61,7 @@ def _run(options: argparse.Namespace) -> None:
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         print(f"note: {remark}", file=sys.stderr)
     print(format_runs(runs))
-    directory = options.output or default_directory([find_bag(bag) for bag in options.bags])
+    directory = options.output or default_directory(options.bags)
     pictures = write_results(
         runs,
         directory,
@@ -76,9 +80,9 @@ def _run(options: argparse.Namespace) -> None:
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = program_parser("analyze", DESCRIPTION, EPILOG, json="what metrics.json holds")
     add = parser.add_argument
-    add("bags", nargs="+", type=Path, metavar="BAG", help="what to analyse")
+    add("bags", nargs="+", type=find_bag, metavar="BAG", help="what to analyse")
     add(
-        "--output", type=Path, metavar="DIR",
+        "--output", type=output_path, metavar="DIR",
         help="where results are written; default: analysis/ beside the bag, comparison/ beside the first of several",
     )  # fmt: skip
     add(

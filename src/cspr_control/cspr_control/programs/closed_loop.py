@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from cspr_control.analysis.numbers.run_summary import format_summary
 from cspr_control.closed_loop.run import run
@@ -20,7 +19,12 @@ from cspr_control.programs.arguments import (
 from cspr_kinematics import KinematicsError
 from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
+from cspr_msgs_py.programs.command_line import (
+    output_path,
+    program_parser,
+    run_program,
+    show_progress,
+)
 
 DESCRIPTION = """\
 Run the control graph on a simulated robot in simulated time: what the demo does live, without ROS and without waiting.
@@ -37,8 +41,11 @@ examples:
   cspr closed_loop --fault "drive_silent motor_3@4"        what happens when a drive falls silent 4 s after the start
   cspr closed_loop --bag runs/try/bag && cspr analyze runs/try
 
-faults, each with the place that has it:
+faults, each with the place that has it; `cspr faults` has these, and others of programs and commands:
 """
+EXIT_STATUS = """\
+exit status: 0 done, also if a --fault has stopped the robot: `cause` in --json FILE then says how; 1 not done, for
+the reason on stderr, be it a fault that nobody planned; 2 wrong arguments, 130 interrupted"""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -66,8 +73,6 @@ def _run(options: argparse.Namespace) -> None:
     show_progress("")
     summary = record.summary(str(options.bag or ""))
     print(format_summary(summary))
-    if record.cause:
-        print(f"  stopped               {record.cause}")
     print(
         f"  simulated             {record.simulated:.1f} s in {record.elapsed:.1f} s, "
         f"{record.simulated / record.elapsed:.1f} times real time"
@@ -81,7 +86,7 @@ def _run(options: argparse.Namespace) -> None:
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     faults = [f"  {name:20}{place:20}{meaning}" for name, (place, meaning) in FAULTS.items()]
     parser = program_parser(
-        "closed_loop", DESCRIPTION, EPILOG + "\n".join(faults), json="what summary.json holds"
+        "closed_loop", DESCRIPTION, EPILOG + "\n".join(faults), EXIT_STATUS, json="what summary.json holds"
     )
     add = parser.add_argument
     add_experiment_arguments(parser)
@@ -96,7 +101,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         "--set", type=parameter(), action="append", default=[], metavar="NODE.NAME=VALUE",
         help="a parameter other than in control.yaml; several",
     )  # fmt: skip
-    add("--bag", type=Path, metavar="DIR", help="record all that is published, as the recorder does")
+    add("--bag", type=output_path, metavar="DIR", help="record all that is published, as the recorder does")
     options = parser.parse_args(arguments)
     if options.fault and options.plant:
         parser.error("--fault needs devices that can have it: leave out --plant")

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from cspr_control.closed_loop.fault_outcome import PAYLOAD, Bench, Outcome
+from cspr_control.closed_loop.fault_outcome import PAYLOAD, Outcome, outcome_of
 from cspr_control.closed_loop.fault_scenarios import SCENARIOS, FaultScenario
 from cspr_control.closed_loop.loop import ClosedLoopError
 from cspr_control.errors import ControlError
 from cspr_control.programs.arguments import add_configuration_argument
 from cspr_kinematics import KinematicsError
+from cspr_kinematics.configuration.structure import did_you_mean
 from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import program_parser, run_program
@@ -22,17 +24,24 @@ from cspr_msgs_py.programs.command_line import program_parser, run_program
 DESCRIPTION = f"""\
 Let faults happen to a simulated robot, in simulated time, and print what becomes of each as a table.
 
-Each one happens to a robot that holds {PAYLOAD:g} kg still, and to one that moves them level, at the speed of
+Each one happens to a fresh robot that holds {PAYLOAD:g} kg still, and to one that moves them level, at the speed of
 control.yaml. It must end held, brakes closed, latched, with a named cause; then the operator resets and enables the
 robot. The table shows the cause, how the robot came to rest, the time until all brakes hold, the height lost until
 then, and the lowest tension of a cable."""
 EPILOG = """\
 examples:
   cspr faults                               all of them, some minutes; the table of docs/operation.md
-  cspr faults "drive silent" "bus cut"      two of them
+  cspr faults drive_silent bus_cut          two of them
   cspr faults --json faults.json            numbers for another program
 
-exit status: 0 every fault ended as it must, 1 one did not, or nothing could be simulated, 2 wrong arguments"""
+Faults of devices, cables and buses have the names under which `cspr closed_loop --fault` injects them. It has one
+more, brake_weak: what does not hold cannot end held.
+
+faults:
+"""
+EXIT_STATUS = """\
+exit status: 0 every fault ended as it must, 1 one did not, or nothing could be simulated, 2 wrong arguments,
+130 interrupted"""
 
 
 @dataclass(frozen=True)
@@ -70,37 +79,39 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     rows = []
-    with contextlib.closing(Bench(options.config)) as bench:
-        print("| fault | cause on `/robot_state` | stop | held: brakes, ms | height, mm ", end="")
-        print("| moving: brakes, ms | height, mm | lowest tension, N |")
-        print("|---|---|---|---|---|---|---|---|", flush=True)
-        for scenario in (s for s in SCENARIOS if s.name in (options.faults or [s.name])):
-            rows.append(Row(scenario.name, *(_outcome(bench, scenario, moving) for moving in (False, True))))
-            print(rows[-1], flush=True)
+    print("| fault | cause on `/robot_state` | stop | held: brakes, ms | height, mm ", end="")
+    print("| moving: brakes, ms | height, mm | lowest tension, N |")
+    print("|---|---|---|---|---|---|---|---|", flush=True)
+    for scenario in (s for s in SCENARIOS if s.name in (options.faults or [s.name])):
+        held, moving = (_outcome(scenario, moving, options.config) for moving in (False, True))
+        rows.append(Row(scenario.name, held, moving))
+        print(rows[-1], flush=True)
     if options.json is not None:
         write_json(options.json, rows)
     return int(any(isinstance(outcome, str) for row in rows for outcome in (row.held, row.moving)))
 
 
-def _outcome(bench: Bench, scenario: FaultScenario, moving: bool) -> Outcome | str | None:
+def _outcome(scenario: FaultScenario, moving: bool, config: Path) -> Outcome | str | None:
     if not (scenario.moving if moving else scenario.held):
         return None
     try:
-        return bench.outcome(scenario, moving)
+        return outcome_of(scenario, moving, config)
     except ClosedLoopError as failure:
         return f"FAILED: {failure}"
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     names = [scenario.name for scenario in SCENARIOS]
-    epilog = EPILOG + "\n\nfaults:\n" + "\n".join(f"  {name}" for name in names)
-    parser = program_parser("faults", DESCRIPTION, epilog, json="the numbers of the table")
+    epilog = EPILOG + textwrap.fill(", ".join(names), 110, initial_indent="  ", subsequent_indent="  ")
+    parser = program_parser("faults", DESCRIPTION, epilog, EXIT_STATUS, json="the numbers of the table")
     parser.add_argument("faults", nargs="*", metavar="FAULT", help="which; default: all")
     add_configuration_argument(parser)
     options = parser.parse_args(arguments)
     for name in options.faults:
         if name not in names:
-            parser.error(f"there is no fault {name!r}; there are {', '.join(names)}")
+            parser.error(
+                f"there is no fault '{name}'{did_you_mean(name, names)} `cspr faults --help` lists them"
+            )
     return options
 
 

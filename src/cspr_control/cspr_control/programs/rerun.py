@@ -26,7 +26,7 @@ from cspr_control.rerun.comparison import (
     compare_setpoints,
     format_comparison,
 )
-from cspr_control.rerun.recording import Configuration, Recording, schedule
+from cspr_control.rerun.recording import Recording, schedule
 from cspr_control.rerun.rerun import (
     EstimatedPayloads,
     Progress,
@@ -38,10 +38,15 @@ from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.columns import Inertias, JointStates
-from cspr_msgs_py.bag.reader import Bag
+from cspr_msgs_py.bag.reader import Bag, find_bag
 from cspr_msgs_py.errors import BagWarning, MessagesError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
+from cspr_msgs_py.programs.command_line import (
+    output_path,
+    program_parser,
+    run_program,
+    show_progress,
+)
 
 NODES = ("mass_estimator", "feedforward")
 
@@ -56,13 +61,11 @@ done with the other torques is not simulated: the recorded motion stays.
 Writes DIR/bag (/payload and /setpoint, MCAP) and DIR/comparison.json. The same bag gives the same bytes."""
 EPILOG = """\
 examples:
-  cspr rerun runs/latest/bag                                          how closely the recording is reproduced
-  cspr rerun runs/latest/bag --set mass_estimator.time_constant=0.2   a quicker filter
-  cspr rerun runs/latest/bag --set feedforward.model=static --set feedforward.payload_source=nominal
-  cspr rerun runs/latest/bag --nodes feedforward                      with the estimates as they were recorded
-  cspr rerun runs/latest/bag --payload /simulation/payload            with the true mass, as in: cspr demo --exact-mass
-
-exit status: 0 done, 1 nothing could be re-run or written, 2 wrong arguments, 130 interrupted"""
+  cspr rerun runs/latest                                          how closely the recording is reproduced
+  cspr rerun runs/latest --set mass_estimator.time_constant=0.2   a quicker filter
+  cspr rerun runs/latest --set feedforward.model=static --set feedforward.payload_source=nominal
+  cspr rerun runs/latest --nodes feedforward                      with the estimates as they were recorded
+  cspr rerun runs/latest --payload /simulation/payload            with the true mass, as in: cspr demo --exact-mass"""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -79,13 +82,12 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> None:
-    source = Path(options.bag)
+    source: Path = options.bag
     output = _output(options.output, source)
     with _warnings_in_one_line(), Bag(source) as bag:
-        given = Configuration.from_directory(Path(options.config)) if options.config else None
-        recording = Recording(bag, given)
-        if given is None:
-            _mention_differing_files(recording.configuration)
+        recording = Recording(bag, options.config)
+        for remark in recording.remarks:
+            print(f"rerun: {remark}", file=sys.stderr)
         warm_up(recording.robot)
         payloads, payload_comparison, recorded_values = None, None, {}
         if "mass_estimator" in options.nodes:
@@ -110,7 +112,7 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
         "payload": options.payload or "",
         **{name: json.dumps(values["rerun"]) for name, values in sorted(parameters.items())},
     }
-    write_rerun(output / "bag", payloads, setpoints, information, recording.configuration.files)
+    write_rerun(output / "bag", payloads, setpoints, information, recording.files)
     for file in filter(None, (output / "comparison.json", options.json)):
         write_json(file, comparison)
     print(f"re-run of {source}")
@@ -155,7 +157,7 @@ def _estimate(
     truth = None
     if recording.holds(topics.SIMULATED_PAYLOAD):
         truth = recording.read(Bag.inertias, topics.SIMULATED_PAYLOAD.name)
-    return payloads, compare_payloads(payloads, recorded, truth, tensions), values
+    return payloads, compare_payloads(payloads, recorded, truth, *recording.story(tensions)), values
 
 
 def _answer(
@@ -185,7 +187,7 @@ def _known_before(recording: Recording, payloads: Inertias) -> Payload | None:
 
     An estimator that begins leaves zero at a limited rate; a first estimate beyond that is not its first one.
     """
-    rate_limit = recording.configuration.parameters.values("mass_estimator")["mass_rate_limit"]
+    rate_limit = recording.parameters.values("mass_estimator")["mass_rate_limit"]
     if payloads.mass[0] <= 2.0 * rate_limit * UPDATE_PERIOD:
         return None
     return Payload(float(payloads.mass[0]), payloads.center_of_mass[0])
@@ -194,7 +196,7 @@ def _known_before(recording: Recording, payloads: Inertias) -> Payload | None:
 def _parser() -> argparse.ArgumentParser:
     parser = program_parser("rerun", DESCRIPTION, EPILOG, json="what comparison.json holds")
     add = parser.add_argument
-    add("bag", metavar="BAG", help="directory of a bag, or an .mcap file")
+    add("bag", type=find_bag, metavar="BAG", help="a bag, one of its files, or a run's directory")
     add(
         "--set", type=parameter(NODES), action="append", default=[], metavar="NODE.PARAMETER=VALUE",
         help="a parameter of mass_estimator or feedforward; may be given several times",
@@ -207,33 +209,27 @@ def _parser() -> argparse.ArgumentParser:
         "--payload", metavar="TOPIC",
         help="recorded topic on whose payload the feed-forward counts; default: the re-run estimates",
     )  # fmt: skip
-    add("--config", metavar="DIR", help="configuration to use instead of the one in the bag")
-    add("--output", metavar="DIR", help="must not exist yet; default: rerun, rerun-2 ... beside the bag")
+    add("--config", type=Path, metavar="DIR", help="configuration to use instead of the one in the bag")
+    add(
+        "--output",
+        type=output_path,
+        metavar="DIR",
+        help="must not exist yet; default: rerun, rerun-2 ... beside the bag",
+    )
     return parser
 
 
-def _output(given: str | None, source: Path) -> Path:
+def _output(given: Path | None, source: Path) -> Path:
     """Return the directory to write, which is not there yet."""
     if given is not None:
-        if Path(given).exists():
+        if given.exists():
             raise ControlError(f"{given} exists already and is not overwritten: name another --output")
-        return Path(given)
+        return given
     parent = source.parent if source.name else source.resolve().parent
     output, number = parent / "rerun", 2
     while output.exists():
         output, number = parent / f"rerun-{number}", number + 1
     return output
-
-
-def _mention_differing_files(configuration: Configuration) -> None:
-    for name, data in sorted(configuration.files.items()):
-        path = Path("config", name)
-        if path.is_file() and path.read_bytes() != data:
-            print(
-                f"rerun: {path} differs from the {name} in the bag, which is used; --config {path.parent} would use "
-                "the files here",
-                file=sys.stderr,
-            )
 
 
 def _progress(name: str) -> Progress:

@@ -16,7 +16,12 @@ import numpy as np
 from cspr_kinematics import InvalidInputError, KinematicsError, Robot, Task, Workspace, explore_workspace
 from cspr_kinematics.workspace.plot import PlottingUnavailableError, plot_workspace
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.programs.command_line import program_parser, run_program, show_progress
+from cspr_msgs_py.programs.command_line import (
+    output_path,
+    program_parser,
+    run_program,
+    show_progress,
+)
 
 DESCRIPTION = """\
 Find the wrench-feasible workspace: the poses at which the cables, within their limits, can hold every
@@ -31,9 +36,7 @@ examples:
   cspr workspace --payload 0 200 --acceleration 1 1 1        0 to 200 kg, each with 1 m/s^2 along every axis
   cspr workspace --euler 0 0 0 --euler 0 0.1 0 --spacing 0.05
   cspr workspace --robot config/robot_pulleys.yaml --lower -2.4 -1.4 0 --upper 2.4 1.4 3 --output runs/pulleys
-  cspr workspace --payload 0 200 --at 0 0 1                  and what there is to say about one position
-
-exit status: 0 done, 1 nothing could be computed or written, 2 wrong arguments, 130 interrupted"""
+  cspr workspace --payload 0 200 --at 0 0 1                  and what there is to say about one position"""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -43,11 +46,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    robot = Robot.from_yaml(options.robot)
+    robot = Robot.from_yaml(options.robot, "name the robot's file with --robot FILE")
     smallest, largest = options.payload
     task = Task(smallest, largest, options.center_of_mass, options.acceleration, options.angular_acceleration)
     _check_positions(options, robot)
-    output = Path(options.output)
+    output: Path = options.output
     output.parent.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     workspace = explore_workspace(
@@ -211,7 +214,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         help="default: one for each core, %(default)s here",
     )  # fmt: skip
     add(
-        "--output", default="workspace", metavar="STEM",
+        "--output", type=output_path, default="workspace", metavar="STEM",
         help="files to write, without suffix; default: %(default)s",
     )  # fmt: skip
     add("--no-picture", action="store_true", help="write no STEM.png; it needs matplotlib")

@@ -72,4 +72,4 @@ def require_inside_workspace(trajectory: Trajectory, robot: Robot) -> None:
 
 
 def _metres(position: np.typing.NDArray[np.float64]) -> str:
-    return "(" + ", ".join(f"{coordinate:.3f}" for coordinate in position) + ") m"
+    return "(" + ", ".join(f"{coordinate:z.3f}" for coordinate in position) + ") m"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.numbers.mass import MassTrace, settling_time
+from cspr_control.analysis.numbers.mass import mass_metrics, mass_trace
+from cspr_control.analysis.timeline import Clock, Timeline
 from cspr_control.rerun.rerun import EstimatedPayloads
 from cspr_msgs_py.bag.columns import Inertias, JointStates
 
@@ -67,7 +69,11 @@ class SetpointComparison:
 
 
 def compare_payloads(
-    rerun: EstimatedPayloads, recorded: Inertias | None, truth: Inertias | None, tensions: JointStates
+    rerun: EstimatedPayloads,
+    recorded: Inertias | None,
+    truth: Inertias | None,
+    clock: Clock,
+    timeline: Timeline,
 ) -> PayloadComparison:
     """Compare estimates.
 
@@ -77,8 +83,10 @@ def compare_payloads(
         Those recorded belong to the updates of the re-run in their order.
     truth
         What a simulated robot carried.
-    tensions
-        What was measured: its stamps tell the clock of the machine, which may be slower than the recorder's.
+    clock
+        Turns times of the recorder into those of the robot, ns.
+    timeline
+        What happened: the estimates count on trajectories, as in the analysis.
     """
     mass = center = None
     matched = 0
@@ -92,28 +100,26 @@ def compare_payloads(
         matched,
         mass,
         center,
-        _quality(recorded, truth, tensions),
-        _quality(rerun, truth, tensions),
+        *(
+            None if estimate is None or truth is None else _quality(estimate, truth, clock, timeline)
+            for estimate in (recorded, rerun)
+        ),
     )
 
 
-def _quality(estimate: Inertias | None, truth: Inertias | None, tensions: JointStates) -> MassQuality | None:
-    if estimate is None or truth is None or len(estimate.mass) == 0:
-        return None
-    # a truth that is published after the estimates have ended says nothing about them
-    told = truth.log_time_ns <= estimate.log_time_ns[-1]
-    if not told.any():
-        return None
-
-    def on_machine(times: NDArray[np.int64]) -> NDArray[np.int64]:
-        machine: NDArray[np.int64] = np.interp(times, tensions.log_time_ns, tensions.time_ns).astype(np.int64)
-        return machine
-
-    true = MassTrace(on_machine(truth.log_time_ns[told]), truth.mass[told])
-    return MassQuality(
-        settling_time(MassTrace(on_machine(estimate.log_time_ns), estimate.mass), true),
-        float(estimate.mass[-1] - true.mass[-1]),
+def _quality(
+    estimate: Inertias,
+    truth: Inertias,
+    clock: Clock,
+    timeline: Timeline,
+) -> MassQuality | None:
+    estimated, true = (
+        mass_trace(timeline, replace(each, log_time_ns=clock(each.log_time_ns))) for each in (estimate, truth)
     )
+    found = mass_metrics(estimated, true, 0)
+    if found is None or math.isnan(found.true):
+        return None
+    return MassQuality(found.settling, found.estimate - found.true)
 
 
 def compare_setpoints(rerun: JointStates, recorded: JointStates | None) -> SetpointComparison:
@@ -173,7 +179,7 @@ def _payload_lines(payload: PayloadComparison) -> list[str]:
         if quality is not None:
             time = quality.settling_time
             settled = "never within 2 %" if time is None else f"within 2 % after {time:.2f} s"
-            lines.append(f"    {name:<10} {settled}, {quality.final_error:+.2f} kg off at the end")
+            lines.append(f"    {name:<10} {settled}, {quality.final_error:+z.2f} kg off at the end")
     return lines
 
 

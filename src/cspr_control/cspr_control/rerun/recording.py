@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
+from cspr_control.analysis.configuration import read_configuration
+from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, robot_clock
+from cspr_control.analysis.timeline import Clock, Timeline, read_timeline
 from cspr_control.errors import ControlError, SettingError
-from cspr_control.parameters.control_settings import robot_file
 from cspr_control.parameters.settings import NoticedValues
 from cspr_control.rerun.rerun import Schedule
-from cspr_kinematics import Robot
-from cspr_kinematics.configuration.yaml_file import parse_yaml
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.columns import JointStates
 from cspr_msgs_py.bag.reader import Bag
@@ -28,64 +28,6 @@ Settings = TypeVar("Settings")
 Columns = TypeVar("Columns")
 
 
-@dataclass(frozen=True, eq=False)
-class Configuration:
-    """Robot and parameters.
-
-    Attributes
-    ----------
-    robot, parameters
-        What the files say.
-    files
-        Content of the two files by their names.
-    """
-
-    robot: Robot
-    parameters: ParameterFile
-    files: dict[str, bytes]
-
-    @staticmethod
-    def from_files(files: Mapping[str, bytes], where: str) -> Configuration:
-        """Read ``control.yaml`` and the robot's file that it names, by their base names.
-
-        Parameters
-        ----------
-        files
-            Contents by name or path.
-        where
-            What they come from, for errors.
-
-        Raises
-        ------
-        ControlError, cspr_kinematics.KinematicsError
-            If one is missing or does not hold what it should.
-        """
-        by_name = {PurePath(name).name: data for name, data in files.items()}
-        control = _file(by_name, CONTROL_FILE, where)
-        parameters = ParameterFile(control, f"{where}: {CONTROL_FILE}")
-        robot_name = robot_file(parameters)
-        text, source = _file(by_name, robot_name, where), f"{where}: {robot_name}"
-        robot = Robot.from_mapping(parse_yaml(text, source), source)
-        return Configuration(robot, parameters, {CONTROL_FILE: control, robot_name: text})
-
-    @staticmethod
-    def from_directory(directory: Path) -> Configuration:
-        """Read the files of a configuration directory; raises as `from_files` does."""
-        try:
-            files = {path.name: path.read_bytes() for path in sorted(directory.glob("*.yaml"))}
-        except OSError as error:
-            raise ControlError(f"cannot read {directory}: {error.strerror}") from error
-        return Configuration.from_files(files, str(directory))
-
-
-def _file(files: Mapping[str, bytes], name: str, where: str) -> bytes:
-    if name not in files:
-        raise ControlError(
-            f"{where} holds no {name}; name the directory of the configuration that was in use: --config DIR"
-        )
-    return files[name]
-
-
 class Recording:
     """A bag open for a re-run.
 
@@ -93,21 +35,39 @@ class Recording:
     ----------
     bag
         The bag.
-    configuration
-        Used instead of the files inside the bag.
+    directory
+        Of a configuration to use instead of the files inside the bag.
+
+    Attributes
+    ----------
+    robot, parameters
+        What the configuration says.
+    files
+        Content of the files in use, by name.
+    remarks
+        Where the configuration inside the bag differs from the one on disk, one line each.
 
     Raises
     ------
-    ControlError, cspr_kinematics.KinematicsError
+    ControlError, ParameterError, OSError
         If there is no usable configuration.
     """
 
-    def __init__(self, bag: Bag, configuration: Configuration | None = None) -> None:
+    def __init__(self, bag: Bag, directory: Path | None = None) -> None:
         self._bag = bag
-        if configuration is None:
-            configuration = Configuration.from_files(bag.attachments, f"bag {bag.path}")
-        self.configuration = configuration
-        self.robot = configuration.robot
+        files, where = bag.attachments, bag.path
+        if directory is not None:
+            files, where = {path.name: path.read_bytes() for path in directory.glob("*.yaml")}, directory
+        if CONTROL_FILE not in {PurePath(name).name for name in files}:
+            raise ControlError(
+                f"{where} holds no {CONTROL_FILE}; name the directory of the configuration in use: --config DIR"
+            )
+        used, remarks = read_configuration(files, where, None, directory or CONFIGURATION_DIRECTORY)
+        self.remarks = () if directory is not None else remarks
+        self.robot = used.robot
+        self.parameters = ParameterFile(used.files[CONTROL_FILE], f"{where}: {CONTROL_FILE}")
+        names = {CONTROL_FILE, used.robot_file} & set(used.files)
+        self.files = {name: used.files[name].encode() for name in names}
 
     def read(self, kind: Callable[[Bag, str], Columns], topic: str) -> Columns:
         """Return the columns of a topic as a method of `Bag` reads them; raises ControlError if there are none."""
@@ -133,6 +93,16 @@ class Recording:
     def holds(self, topic: topics.Topic) -> bool:
         """Return whether there is a message on the topic."""
         return self._bag.counts.get(topic.name, 0) > 0
+
+    def story(self, tensions: JointStates) -> tuple[Clock, Timeline]:
+        """Return the robot's clock, by its motor states or else by its tensions, and what happened on it."""
+        states = (
+            self.read(Bag.joint_states, topics.MOTOR_STATES.name)
+            if self.holds(topics.MOTOR_STATES)
+            else tensions
+        )
+        clock = robot_clock(states)
+        return clock, read_timeline(self._bag, clock, int(states.time_ns[-1]))
 
     def publish_times(self, topic: topics.Topic) -> list[int]:
         """Return when the messages on a topic were published, ns."""
@@ -187,7 +157,7 @@ def schedule(
     for _, event in events:
         declared |= event.declared
     try:
-        recorded = parameter_values(node, recording.configuration.parameters.of(node), declared)
+        recorded = parameter_values(node, recording.parameters.of(node), declared)
         values = recorded
         first = NoticedValues(parameter_values(node, recorded, given))
         settings = [(0, build(first))]

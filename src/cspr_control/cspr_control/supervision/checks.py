@@ -239,11 +239,11 @@ class SupervisionChecks:
         faults = []
         for kind, within, values, text, limit in (
             (FaultKind.FOLLOWING_ERROR, np.abs(errors) <= angle, errors,
-             "motor_{} is {:.2f} rad behind, limit {:g} rad", angle),
+             "motor_{} is {:z.2f} rad behind, limit {:g} rad", angle),
             (FaultKind.OVERSPEED, np.abs(speeds) <= speed, speeds,
-             "motor_{} turns at {:.0f} rad/s, limit {:g} rad/s", speed),
-            (FaultKind.TENSION_HIGH, tensions <= high, tensions, "cable_{} at {:.0f} N, limit {:g} N", high),
-            (FaultKind.TENSION_LOW, tensions >= low, tensions, "cable_{} at {:.0f} N, limit {:g} N", low),
+             "motor_{} turns at {:z.0f} rad/s, limit {:g} rad/s", speed),
+            (FaultKind.TENSION_HIGH, tensions <= high, tensions, "cable_{} at {:z.0f} N, limit {:g} N", high),
+            (FaultKind.TENSION_LOW, tensions >= low, tensions, "cable_{} at {:z.0f} N, limit {:g} N", low),
         ):  # fmt: skip
             worst = self._watches[kind].update(time, ~within)
             if worst is not None:
@@ -260,8 +260,8 @@ class SupervisionChecks:
         cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))
         if cable is not None:
             detail = (
-                f"cable_{cable + 1} shows {tensions[cable]:.0f} N, the torque of its motor corresponds to "
-                f"{torque_tensions[cable]:.0f} N; allowed difference {limits.tension_difference:g} N"
+                f"cable_{cable + 1} shows {tensions[cable]:z.0f} N, the torque of its motor corresponds to "
+                f"{torque_tensions[cable]:z.0f} N; allowed difference {limits.tension_difference:g} N"
             )
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
         source = MonitoredInput.CABLE_TENSIONS
@@ -269,7 +269,7 @@ class SupervisionChecks:
         still = time - self._tensions_changed
         cable = int(still.argmax())
         if fresh and math.isfinite(still[cable]) and still[cable] > limits.stuck_time:
-            detail = f"cable_{cable + 1} has shown exactly {tensions[cable]:g} N for {still[cable]:.1f} s"
+            detail = f"cable_{cable + 1} has shown exactly {tensions[cable]:zg} N for {still[cable]:.1f} s"
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
         return []
 
@@ -286,7 +286,7 @@ class SupervisionChecks:
         for axis in np.flatnonzero(self._way_outside() > allowed):
             low, high = limits.workspace_min[axis], limits.workspace_max[axis]
             return (
-                f"the platform is at {'xyz'[axis]} = {self._position[axis]:.3f} m, the workspace is from "
+                f"the platform is at {'xyz'[axis]} = {self._position[axis]:z.3f} m, the workspace is from "
                 f"{low:g} to {high:g} m"
             )
         return None
@@ -300,12 +300,10 @@ class SupervisionChecks:
         worst = int(np.abs(errors).argmax())
         if not abs(errors[worst]) <= limits.starting_error:
             return (
-                f"motor_{worst + 1} is {errors[worst]:.2f} rad away from its set-point, "
+                f"motor_{worst + 1} is {errors[worst]:z.2f} rad away from its set-point, "
                 f"limit {limits.starting_error:g} rad: wind the cables so that all of them are taut"
             )
         highest = int(self._tensions.argmax())
         if not self._tensions[highest] <= limits.tension_max:
-            return (
-                f"cable_{highest + 1} carries {self._tensions[highest]:.0f} N, limit {limits.tension_max:g} N"
-            )
+            return f"cable_{highest + 1} carries {self._tensions[highest]:z.0f} N, limit {limits.tension_max:g} N"
         return None

@@ -65,5 +65,5 @@ class SingleLoadCell:
         self._device.write(LOAD_CELL_TARE)
         after = self.reading()
         if abs(after) > _LARGEST_ZERO:
-            raise DeviceError(self._device.name, f"shows {after:.1f} N after taring: is the cable at rest?")
+            raise DeviceError(self._device.name, f"shows {after:z.1f} N after taring: is the cable at rest?")
         return before

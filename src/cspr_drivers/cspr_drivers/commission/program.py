@@ -23,6 +23,7 @@ from cspr_kinematics.configuration.structure import structured, unknown_key
 from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import ConfigurationFileError
 from cspr_kinematics.robot.robot_description import RobotDescription
+from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import program_parser, run_program
 
 DESCRIPTION = """\
@@ -38,20 +39,26 @@ One brake opens at a time, with little torque. Ctrl-C closes it, at any moment. 
 command resumes where it was stopped. The drivers must not run meanwhile."""
 EPILOG = """\
 examples:
-  cspr commission                          config/can.yaml of this directory
+  cspr commission                          config/can.yaml, from the repository's root
   cspr commission --torque 0.2             up to 20 % of the rated torque, for stiff winches
   cspr commission --answers answers.yaml   without a person: an answer for each key; one that is missing is named
   cspr commission --restart                forget what was found before"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the walk; returns the exit status: 0 done, 1 a problem, 2 wrong arguments, 130 interrupted."""
+    """Run the walk; returns the exit status."""
     options = _parse(arguments)
     previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def walk() -> int:
         operator = Operator() if options.answers is None else _answers(options.answers)
-        return commission(options.config, options.robot, operator, options.torque, options.restart)
+        given: Path = options.config
+        config = given / "can.yaml" if given.is_dir() else given
+        robot = options.robot or config.with_name("robot.yaml")
+        findings = commission(config, robot, operator, options.torque, options.restart)
+        if options.json is not None:
+            write_json(options.json, findings)
+        return 0
 
     try:
         closed = "all brakes are closed. The same command resumes from here"
@@ -61,8 +68,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             signal.signal(number, handler)
 
 
-def commission(config: Path, robot: Path, operator: Operator, torque: float, restart: bool = False) -> int:
-    """Commission the robot and write its configuration; return the exit status.
+def commission(
+    config: Path, robot: Path, operator: Operator, torque: float, restart: bool = False
+) -> Findings:
+    """Commission the robot and write its configuration; return what was found.
 
     Parameters
     ----------
@@ -80,8 +89,8 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
     DriverError
         In one line: what is wrong, and where. What was found until then is kept.
     """
-    can = CanConfig.from_yaml(config)
-    kept = FindingsFile(config.with_name(config.name + ".commissioning"))
+    can = CanConfig.from_yaml(config, "name can.yaml with --config FILE")
+    kept = FindingsFile(config.with_name(config.name + ".commission"))
     if restart:
         kept.remove()
     findings = kept.load()
@@ -97,10 +106,11 @@ def commission(config: Path, robot: Path, operator: Operator, torque: float, res
             Walk(can, ports, _transmission_ratio(robot), torque, operator, findings, kept.save).run()
     finally:
         ports.close()
-    return _write(config, can, findings, operator, kept)
+    _write(config, can, findings, operator, kept)
+    return findings
 
 
-def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator, kept: FindingsFile) -> int:
+def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator, kept: FindingsFile) -> None:
     old = path.read_text(encoding="utf-8")
     new = new_text(old, config, findings)
     operator.tell(f"8. {path}")
@@ -113,7 +123,6 @@ def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator
             raise WalkStoppedError(f"{path} is unchanged; the findings are kept in {kept.path}")
         operator.tell(f"   written; the old file is {replace_and_keep(path, new)}")
     kept.remove()
-    return 0
 
 
 def _transmission_ratio(robot: Path) -> float:
@@ -141,15 +150,21 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = program_parser("commission", DESCRIPTION, EPILOG)
+    parser = program_parser(
+        "commission", DESCRIPTION, EPILOG, json="what was found of each winch and load cell"
+    )
     parser.add_argument(
-        "--config", type=Path, default=Path("config/can.yaml"), help="can.yaml (default: %(default)s)"
+        "--config",
+        type=Path,
+        default=Path("config"),
+        metavar="DIR",
+        help="directory of the configuration, or its file if that is not can.yaml; default: %(default)s",
     )
     parser.add_argument(
         "--robot",
         type=Path,
-        default=Path("config/robot.yaml"),
-        help="robot.yaml, for its winch (default: %(default)s)",
+        metavar="FILE",
+        help="the robot, for its winch; default: robot.yaml beside can.yaml",
     )
     parser.add_argument(
         "--torque",

@@ -230,7 +230,7 @@ class Walk:
             before = self._cell(cell.device, place).tare()
             cell.tared = True
             self.keep(self.findings)
-            self.ask.tell(f"   cable {place}: zero was {before:+.1f} N")
+            self.ask.tell(f"   cable {place}: zero was {before:+z.1f} N")
 
     # 6
 
@@ -275,7 +275,7 @@ class Walk:
             raise WalkStoppedError(f"cable {place}: {error}") from None
         cell.scale, cell.offset, cell.rms_residual = fit.scale, fit.offset, fit.rms_residual
         self.ask.tell(
-            f"   cable {place}: scale {fit.scale:.4f}, offset {fit.offset:+.2f} N; residual {fit.rms_residual:.2f} N "
+            f"   cable {place}: scale {fit.scale:.4f}, offset {fit.offset:+z.2f} N; residual {fit.rms_residual:.2f} N "
             f"(RMS), {fit.largest_residual:.2f} N at most"
         )
         if slip > _LARGEST_SLIP:

@@ -197,7 +197,7 @@ class DriveCycle:
         units, age = self.config.drives[index].units, 1e-9 * (self._published_stamp - stamp_ns)
         fault = command_fault(torque, units.torque_limit, age, self.config.timeouts.command)
         if fault is not None:
-            return self._reject(now, index, f"torque command of {torque:g} N m is {fault.value}")
+            return self._reject(now, index, f"torque command of {torque:zg} N m is {fault.value}")
         if stamp_ns < rpdo.stamp_ns:
             self.watch.command(index, fresh=False, time=0.0)  # overtaken by a newer one
             return []

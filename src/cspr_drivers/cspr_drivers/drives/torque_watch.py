@@ -56,5 +56,5 @@ class TorqueWatch:
         elif since is None:
             self._since[index] = time
         elif time - since >= self._time:
-            return f"applies {torque:.2f} N m instead of {told:.2f} N m"
+            return f"applies {torque:z.2f} N m instead of {told:z.2f} N m"
         return ""

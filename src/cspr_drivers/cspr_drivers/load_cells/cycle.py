@@ -178,7 +178,7 @@ class LoadCellCycle:
                 return f"{cell.name} gives no valid value"
             if abs(value) > limit:
                 return (
-                    f"{cell.name} carries {value:.0f} N: only slack cables, below {limit:g} N, can be tared"
+                    f"{cell.name} carries {value:z.0f} N: only slack cables, below {limit:g} N, can be tared"
                 )
         return None
 

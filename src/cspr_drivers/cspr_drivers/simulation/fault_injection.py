@@ -17,6 +17,7 @@ from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.plant.shared import SharedPlant
+from cspr_kinematics.configuration.structure import did_you_mean
 
 _DRIFT = 200.0  # N/s: some fifth of a tension each second
 _WEAK_BRAKE = 0.05  # share of the holding torque
@@ -142,7 +143,9 @@ class FaultInjector:
         place = place.strip()
         known = {fault.value: fault for fault in InjectedFault}
         if name not in known:
-            raise DriverError(f"there is no fault '{name}'; there are {', '.join(known)}")
+            raise DriverError(
+                f"there is no fault '{name}'{did_you_mean(name, known)} `cspr closed_loop --help` lists them"
+            )
         fault = known[name]
         if fault.target is FaultTarget.ROBOT:
             places: dict[str, int | str] = {"": 0, "robot": 0}

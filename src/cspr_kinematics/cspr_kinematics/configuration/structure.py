@@ -55,10 +55,15 @@ def structured(kind: type[T], content: object, source: str, key: str = "") -> T:
 def unknown_key(name: object, known: Iterable[str]) -> str:
     """Return what is wrong with a key that is none of those known, and which of them may have been meant."""
     known = sorted(known)
-    lower = {key.lower(): key for key in known}
+    hint = did_you_mean(name, known)
+    return f"unknown key{hint} {'known' if hint == ';' else 'Known'} here: {', '.join(known)}"
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return ``; did you mean X?`` for the known name that is most like another; ``;`` if none is."""
+    lower = {each.lower(): each for each in known}
     nearest = difflib.get_close_matches(str(name).lower(), lower, 1)
-    meant = f"; did you mean {lower[nearest[0]]}? Known here: " if nearest else "; known here: "
-    return f"unknown key{meant}{', '.join(known)}"
+    return f"; did you mean {lower[nearest[0]]}?" if nearest else ";"
 
 
 @contextmanager

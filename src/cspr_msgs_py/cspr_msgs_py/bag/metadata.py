@@ -242,8 +242,7 @@ def find_files(path: Path) -> tuple[list[Path], bool, dict[str, int]]:
     named = {name.name for name in names}
     names += [file for file in sorted(path.glob("*.mcap"), key=_number) if file.name not in named]
     if not names:
-        hint = f"; perhaps {path / 'bag'} is meant" if (path / "bag").is_dir() else ""
-        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file{hint}")
+        raise BagError(f"{path} is not a bag: it has neither {METADATA_FILE} nor an .mcap file")
     return names, mode == "message", counts
 
 

@@ -53,17 +53,25 @@ class Message(NamedTuple):
     data: bytes
 
 
+def find_bag(path: str | os.PathLike[str]) -> Path:
+    """Return the bag that a path stands for: a bag itself, or the one inside the directory of a run."""
+    given = Path(path)
+    inside = given / "bag"
+    return inside if inside.is_dir() and not any(given.glob("*.mcap")) else given
+
+
 class Bag:
     """A bag open for reading.
 
     Parameters
     ----------
     path : path
-        Directory of a bag, or one of its files.
+        Directory of a bag, one of its files, or the directory of a run that has the bag inside.
 
     Attributes
     ----------
     path : Path
+        Of the bag.
     announced_counts : dict of str to int
         Messages of each topic by ``metadata.yaml``: more than there are in a damaged bag, fewer in one whose
         recorder was killed or still runs; empty without that file.
@@ -80,7 +88,7 @@ class Bag:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
+        self.path = find_bag(path)
         self.files: list[McapFile] = []
         paths, self._each_compressed, self.announced_counts = find_files(self.path)
         problems: list[BagError] = []

@@ -5,7 +5,7 @@ from typing import Any
 
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
-from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.message_definitions import message_definition, message_type_hash
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.wire.topic_codecs import topic_codec
 
@@ -39,7 +39,8 @@ class SampleBag:
                 "reliable" if topic.reliable else "best_effort",
                 "transient_local" if topic.latched else "volatile",
             )
-            recorded = RecordedTopic(topic.name, topic.type, self._definition(topic.type), (qos,))
+            definition, type_hash = self._definition(topic.type), message_type_hash(topic.type)
+            recorded = RecordedTopic(topic.name, topic.type, definition, (qos,), type_hash)
             encode = topic_codec(topic, self._number_of_motors).encode
             self._topics[topic.name] = self._bag.add_topic(recorded), encode
         number, encode = self._topics[topic.name]

@@ -1,6 +1,7 @@
 """Publish a bag as it was recorded, with its timing and ``/clock``."""
 
 import argparse
+import contextlib
 import math
 import signal
 import sys
@@ -9,7 +10,6 @@ import warnings
 from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import chain
-from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
@@ -20,22 +20,26 @@ from rclpy.time import Time
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
-from cspr_msgs_py.bag.reader import Bag, Message
+from cspr_msgs_py.bag.reader import Bag, Message, find_bag
 from cspr_msgs_py.errors import BagError, BagWarning, MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class
-from cspr_msgs_py.programs.command_line import program_parser
+from cspr_msgs_py.programs.command_line import program_parser, run_program
 from cspr_msgs_py.qos import replay_profile
 from cspr_msgs_py.runtime.process import LEAN_NODE
 from cspr_msgs_py.runtime.replay_pace import ReplayPace
 from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
-from cspr_msgs_py.topics import MOTOR_STATES, graph_topics
+from cspr_msgs_py.topics import MOTOR_STATES, ROSOUT, graph_topics
 from cspr_msgs_py.wire.cdr import NANOSECONDS
 
 CLOCK = "/clock"
 DRIVER = "can_drives"  # the node that passes the motors' commands on to real drives
 
 # Published by any number of nodes: nobody mistakes a replayed message for one of another node.
-_COMMON = {"/rosout", "/parameter_events", *(topic.name for topic in graph_topics(0) if topic.writer == "*")}
+_COMMON = {
+    ROSOUT.name,
+    "/parameter_events",
+    *(topic.name for topic in graph_topics(0) if topic.writer == "*"),
+}
 
 _CLOCK_PERIOD = 0.01  # s, of the wall clock and of the bag's time alike
 _LOOK_PERIOD = 0.1  # s between two looks at the keyboard and the progress bar
@@ -54,9 +58,13 @@ EPILOG = """A topic that somebody else publishes is refused, and so are commands
 listens: replay into a graph of its own (another ROS_DOMAIN_ID), or choose the topics.
 
 examples:
-  cspr replay runs/latest/bag                                      everything, to look at in RViz or Foxglove
-  cspr replay runs/latest/bag --loop --topics /motor_states /cable_tensions
-  cspr replay runs/latest/bag --start 12.5 --paused                to step through a moment"""
+  cspr replay runs/latest                                      everything, to look at in RViz or Foxglove
+  cspr replay runs/latest --loop --topics /motor_states /cable_tensions
+  cspr replay runs/latest --start 12.5 --paused                to step through a moment"""
+
+EXIT_STATUS = (
+    "exit status: 0 ended, be it by Ctrl-C, 1 not replayed, for the reason on stderr, 2 wrong arguments"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,20 +76,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", BagWarning)
     try:
-        with Bag(options.bag) as bag, keyboard() as keys:
-            replay = Replay(bag, options, keys)
-            try:
-                replay.run()
-            finally:
-                progress_line(None)
-    except KeyboardInterrupt:
-        return 0
-    except (BagError, StartError) as error:
-        print(f"replay: {error}", file=sys.stderr)
-        return 1
+        return run_program("replay", lambda: _run(options), (BagError, StartError))
     finally:
         rclpy.try_shutdown()
-    return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    with contextlib.suppress(KeyboardInterrupt), Bag(options.bag) as bag, keyboard() as keys:
+        replay = Replay(bag, options, keys)
+        try:
+            replay.run()
+        finally:
+            progress_line(None)
 
 
 class Replay:
@@ -260,10 +266,10 @@ class Replay:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = program_parser("replay", DESCRIPTION, EPILOG)
+    parser = program_parser("replay", DESCRIPTION, EPILOG, EXIT_STATUS)
     add = parser.add_argument
     above_zero, from_zero = partial(_number, zero=False), partial(_number, zero=True)
-    add("bag", metavar="BAG", type=Path, help="directory of a bag, or one of its files")
+    add("bag", metavar="BAG", type=find_bag, help="a bag, one of its files, or a run's directory")
     add(
         "--rate",
         metavar="R",

@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+EXIT_STATUS = "exit status: 0 done, 1 not done, for the reason on stderr, 2 wrong arguments, 130 interrupted"
 _CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE has ended
 
 
 def program_parser(
-    name: str, description: str, epilog: str, *, json: str | None = None
+    name: str, description: str, epilog: str, exit_status: str = EXIT_STATUS, *, json: str | None = None
 ) -> argparse.ArgumentParser:
     """Return the parser of a program of the command ``cspr``.
 
@@ -20,8 +22,8 @@ def program_parser(
     ----------
     name
         Of the program.
-    description, epilog
-        What it does, and examples: ``--help`` shows both as they are written.
+    description, epilog, exit_status
+        What it does, examples, and how it ends: ``--help`` shows them as they are written.
     json
         What ``--json FILE`` writes, for a program that measures; `options.json` is then the file or None, see
         :func:`cspr_msgs_py.json_file.write_json`.
@@ -29,12 +31,38 @@ def program_parser(
     parser = argparse.ArgumentParser(
         prog=f"cspr {name}",
         description=description,
-        epilog=epilog,
+        epilog=f"{epilog}\n\n{exit_status}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     if json is not None:
-        parser.add_argument("--json", type=Path, metavar="FILE", help=f"also write {json} to this file")
+        parser.add_argument(
+            "--json", type=output_file, metavar="FILE", help=f"also write {json} to this file"
+        )
     return parser
+
+
+def output_path(text: str) -> Path:
+    """Read a path that is to be written; what cannot be is refused before the work is done, not after it.
+
+    Directories on the way need not be there yet.
+    """
+    path = Path(text)
+    there = next(place for place in (path, *path.absolute().parents) if os.path.exists(place))
+    try:
+        if there == path and not there.is_dir():
+            there.open("ab").close()
+        else:
+            tempfile.TemporaryFile(dir=there).close()
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{text} cannot be written: {there}: {error.strerror}") from error
+    return path
+
+
+def output_file(text: str) -> Path:
+    """Read the path of a file that is to be written, as `output_path` does."""
+    if os.path.isdir(text):
+        raise argparse.ArgumentTypeError(f"{text} is a directory: name a file in it")
+    return output_path(text)
 
 
 def run_program(

@@ -38,11 +38,15 @@ def _run(arguments: Sequence[str] | None) -> int:
         return 2
     sys.argv = [f"cspr {name}", *words[1:]]  # the program reads its arguments as if it were started alone
     try:
-        program = programs[name].load()
+        return int(programs[name].load()() or 0)
     except ModuleNotFoundError as error:
         print(f"cspr: {name} needs the Python package {error.name}, which is not installed", file=sys.stderr)
         return 1
-    return int(program() or 0)
+
+
+def main_of_executable() -> int:
+    """Run the program that bears the name of the executable, as ``ros2 run PACKAGE PROGRAM`` starts it."""
+    return main([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 def _help(programs: Iterable[EntryPoint]) -> str:

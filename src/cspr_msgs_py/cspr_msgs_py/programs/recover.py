@@ -1,13 +1,15 @@
 """Rebuild a damaged bag, and say what was lost."""
 
+import argparse
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from cspr_msgs_py.bag.reader import find_bag
 from cspr_msgs_py.bag.recovery import Recovery, recover
 from cspr_msgs_py.errors import BagError
-from cspr_msgs_py.programs.command_line import program_parser, run_program
+from cspr_msgs_py.programs.command_line import output_path, program_parser, run_program
 from cspr_msgs_py.runtime.terminal import progress_line
 
 DESCRIPTION = """Write what can be read of a damaged bag into a new, whole one, and say what was lost.
@@ -21,33 +23,35 @@ EPILOG = """examples:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Recover a bag; return 0, or 1 if nothing could be read."""
+    """Recover a bag; returns the exit status."""
     parser = program_parser("recover", DESCRIPTION, EPILOG)
-    parser.add_argument("bag", metavar="BAG", type=Path, help="directory of a bag, or one of its files")
+    parser.add_argument(
+        "bag", metavar="BAG", type=find_bag, help="a bag, one of its files, or a run's directory"
+    )
     parser.add_argument(
         "--output",
         metavar="DIR",
-        type=Path,
+        type=output_path,
         help="the whole bag, which must not exist yet; default: BAG_recovered",
     )
     parser.add_argument("--quiet", action="store_true", help="no progress on the terminal")
     options = parser.parse_args(arguments)
+    return run_program("recover", lambda: _run(options), (BagError,), "the damaged bag is as it was")
+
+
+def _run(options: argparse.Namespace) -> None:
     source: Path = options.bag
     output = options.output or source.resolve().with_name(
         f"{source.resolve().name.partition('.')[0]}_recovered"
     )
-
-    def body() -> None:
-        try:
-            result = recover(
-                source, output, lambda share: None if options.quiet else progress_line(share, "recovering")
-            )
-        finally:
-            if not options.quiet:
-                progress_line(None)
-        print(_report(result))
-
-    return run_program("recover", body, (BagError,), "the damaged bag is as it was")
+    try:
+        result = recover(
+            source, output, lambda share: None if options.quiet else progress_line(share, "recovering")
+        )
+    finally:
+        if not options.quiet:
+            progress_line(None)
+    print(_report(result))
 
 
 def _report(result: Recovery) -> str:

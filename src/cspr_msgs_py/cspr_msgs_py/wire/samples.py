@@ -42,6 +42,15 @@ class Status(NamedTuple):
         return Status(name, level, message, {key: str(value) for key, value in values.items()})
 
 
+class LogLine(NamedTuple):
+    """A line of the log: stamp in ns, how grave it is, who says it, and what."""
+
+    stamp_ns: int
+    level: Level
+    name: str
+    text: str
+
+
 class StatusArray(NamedTuple):
     """Several statuses with one stamp in ns."""
 

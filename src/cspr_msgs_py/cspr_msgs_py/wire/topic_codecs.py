@@ -15,6 +15,7 @@ from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.wire.cdr import Bytes, Scanner
 from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.log import decode_log, encode_log
 from cspr_msgs_py.wire.reference import ReferenceCodec
 from cspr_msgs_py.wire.samples import InertiaSample, PoseSample
 from cspr_msgs_py.wire.stamped_doubles import INERTIA, POSE, StampedDoublesCodec
@@ -45,7 +46,7 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
     """Return the codec of a topic of a robot with this number of motors.
 
     Samples are `ReferenceSample`, `JointStateSample` (of one motor's command: `JointSample`), `PoseSample`,
-    `InertiaSample`, `Status` and `StatusArray`.
+    `InertiaSample`, `Status`, `StatusArray` and `LogLine`.
 
     Raises
     ------
@@ -61,6 +62,8 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
         return TopicCodec(encode_status, decode_status)
     if topic.type == topics.DIAGNOSTIC_ARRAY:
         return TopicCodec(encode_status_array, decode_status_array)
+    if topic.type == topics.LOG:
+        return TopicCodec(encode_log, decode_log)
     if topic.type == topics.POSE_STAMPED:
         return _stamped_doubles(
             topic,

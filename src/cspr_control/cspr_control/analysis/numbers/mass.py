@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.recording import Recording
+from cspr_control.analysis.timeline import Timeline
 from cspr_msgs_py.bag.columns import Inertias
 
 MASS_TOLERANCE = 0.02  # of the true mass: the band in which the estimate must stay to count as settled
@@ -80,17 +81,17 @@ def recorded_mass(recording: Recording) -> MassMetrics | None:
     """Evaluate the estimated mass of a recording; None if it has none on its trajectories."""
     if recording.estimate is None:
         return None
-    estimate = mass_trace(recording, recording.estimate)
-    truth = None if recording.truth is None else mass_trace(recording, recording.truth)
+    estimate = mass_trace(recording.timeline, recording.estimate)
+    truth = None if recording.truth is None else mass_trace(recording.timeline, recording.truth)
     return mass_metrics(estimate, truth, recording.origin_ns)
 
 
-def mass_trace(recording: Recording, payload: Inertias) -> MassTrace:
+def mass_trace(timeline: Timeline, payload: Inertias) -> MassTrace:
     """Return a payload's mass on the trajectories, by the time at which each message was there.
 
     The estimate keeps the stamp of its newest measurement while it is held: what counts is when it was there.
     """
-    counted = recording.in_window(payload.log_time_ns)
+    counted = timeline.counts(payload.log_time_ns)
     return MassTrace(payload.log_time_ns[counted], payload.mass[counted])
 
 

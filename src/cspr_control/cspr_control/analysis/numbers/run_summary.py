@@ -39,6 +39,8 @@ class RunSummary:
         Of the payload alone.
     bag
         Where it is recorded; empty if it is not.
+    cause
+        The fault that stopped the robot, in words; empty if none did.
     """
 
     controller: str
@@ -49,6 +51,7 @@ class RunSummary:
     mass: MassMetrics
     cycle: CycleMetrics
     bag: str = ""
+    cause: str = ""
 
     @classmethod
     def of(cls, metrics: RunMetrics, *, controller: str, exact_mass: bool) -> RunSummary:
@@ -117,6 +120,7 @@ class RunSummary:
                     "max": cycle.latency_max_us,
                 },
                 "bag": self.bag,
+                "cause": self.cause,
             }
         )
         return mapping
@@ -124,7 +128,7 @@ class RunSummary:
 
 def verdict(summary: RunSummary) -> str:
     """Return in one line whether the cycle held and the estimate found the mass, or what is wrong."""
-    faults = []
+    faults = [f"the robot stopped: {summary.cause}"] if summary.cause else []
     if summary.missed_share >= 0.005:
         faults.append(f"{summary.missed_share:.2%} of the cycles were missed (limit 0.5 %)")
     mass = summary.mass
@@ -146,7 +150,7 @@ def format_summary(summary: RunSummary) -> str:
         row.format("position error (deg)", *(f"motor {k}" for k in range(1, m + 1)), "mean"),
         row.format("  RMS", *(f"{e:.2f}" for e in errors.rms), f"{summary.mean_rms_deg:.2f}"),
         row.format("  maximum", *(f"{e:.2f}" for e in errors.maximum), f"{errors.maximum.mean():.2f}"),
-        f"  payload               true {mass.true:.1f} kg, estimated {mass.estimate:.1f} kg, "
+        f"  payload               true {mass.true:.1f} kg, estimated {mass.estimate:z.1f} kg, "
         f"{'never within 2 %' if mass.settling is None else f'within 2 % after {_settled(mass)}'}",
         f"  control cycle         {cycle.rate:.1f} Hz, {cycle.missed} of {cycle.cycles} cycles missed "
         f"({summary.missed_share:.3%})",
@@ -171,7 +175,7 @@ def format_comparison(summaries: Sequence[RunSummary]) -> str:
             *(f"{e:.2f}" for e in run.position_error.rms),
             f"{run.mean_rms_deg:.2f}",
             f"{run.position_error.maximum.max():.2f}",
-            f"{run.mass.estimate - run.mass.true:+.2f} kg",
+            f"{run.mass.estimate - run.mass.true:+z.2f} kg",
             _settled(run.mass),
             f"{run.cycle.missed}/{run.cycle.cycles}",
         )

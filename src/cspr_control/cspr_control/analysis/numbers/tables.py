@@ -128,9 +128,7 @@ def row_texts(values: NDArray[np.float64]) -> list[str]:
     finite = np.abs(values[np.isfinite(values)])
     largest = float(finite.max(initial=0.0))
     decimals = 0 if largest < 1e-9 else min(max(2 - math.floor(math.log10(largest)), 0), 6)
-    return [
-        _number(0.0 if abs(value) < 0.5 * 10.0**-decimals else value, decimals) for value in values.tolist()
-    ]
+    return [_number(value, decimals) for value in values.tolist()]
 
 
 def _short(value: float) -> str:
@@ -142,7 +140,7 @@ def _short(value: float) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else NOT_KNOWN
+    return f"{value:z.{digits}f}" if math.isfinite(value) else NOT_KNOWN
 
 
 def _largest(error: ErrorStatistics | None, digits: int) -> str:

@@ -1,0 +1,34 @@
+"""Lines of the log as CDR, without ROS."""
+
+from __future__ import annotations
+
+from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.cdr import Bytes, Scanner, Writer
+from cspr_msgs_py.wire.samples import LogLine
+
+_SEVERITY = {Level.OK: 20, Level.WARN: 30, Level.ERROR: 40}  # INFO, WARN and ERROR of rcl_interfaces/Log
+_LEVELS = {severity: level for level, severity in _SEVERITY.items()}
+
+
+def encode_log(line: LogLine) -> bytes:
+    """Return an rcl_interfaces/Log as CDR, without a place in the source."""
+    writer = Writer()
+    writer.time(line.stamp_ns)
+    writer.byte(_SEVERITY[line.level])
+    for text in (line.name, line.text, "", ""):
+        writer.string(text)
+    writer.count(0)
+    return writer.finish()
+
+
+def decode_log(buffer: Bytes) -> LogLine:
+    """Return what an rcl_interfaces/Log says; raises MessageError if the bytes are none."""
+    try:
+        scanner = Scanner(buffer)
+        stamp, severity = scanner.time(), scanner.byte()
+        name, text, _, _ = (scanner.string() for _ in range(4))
+        scanner.count()
+        return LogLine(stamp, _LEVELS.get(severity, Level.ERROR), name, text)
+    except ValueError as error:
+        raise MessageError(f"not an rcl_interfaces/Log: {error}") from error
