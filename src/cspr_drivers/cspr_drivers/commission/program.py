@@ -89,7 +89,7 @@ def commission(
     DriverError
         In one line: what is wrong, and where. What was found until then is kept.
     """
-    can = CanConfig.from_yaml(config)
+    can = CanConfig.from_yaml(config, "name can.yaml with --config FILE")
     kept = FindingsFile(config.with_name(config.name + ".commission"))
     if restart:
         kept.remove()
