@@ -194,7 +194,9 @@ SET_SIMULATED_PAYLOAD = _reliable(
 _ROWS = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
 
 # What every node of ROS publishes by itself; no part of the graph, and so not among `graph_topics`.
-ROSOUT = _latched("/rosout", LOG, Rate.ON_REQUEST, "*", "lines of the log", depth=1000)
+ROSOUT = Topic(
+    "/rosout", LOG, Rate.ON_REQUEST, "*", "lines of the log", reliable=True, latched=True, depth=1000
+)
 
 
 def motor_command(k: int) -> Topic:

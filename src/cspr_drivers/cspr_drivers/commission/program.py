@@ -89,7 +89,7 @@ def commission(
     DriverError
         In one line: what is wrong, and where. What was found until then is kept.
     """
-    can = CanConfig.from_yaml(config, "name can.yaml with --config FILE")
+    can = CanConfig.from_yaml(config, "name its directory with --config DIR")
     kept = FindingsFile(config.with_name(config.name + ".commission"))
     if restart:
         kept.remove()
