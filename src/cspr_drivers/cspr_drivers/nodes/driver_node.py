@@ -231,4 +231,4 @@ class DriverNode(LifecycleNode, Generic[_Master]):
 
 def load_config(node: Node) -> CanConfig:
     """Return the configuration that the node's parameter ``can_config`` names."""
-    return CanConfig.from_yaml(Path(declare(node, CAN_CONFIG)))
+    return CanConfig.from_yaml(Path(declare(node, CAN_CONFIG)), "name can.yaml with -p can_config:=PATH")
