@@ -259,7 +259,7 @@ def defaults(node: str) -> dict[str, Any]:
 def parameter_values(node: str, *given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the value of each parameter of a node of ours: the default, or the last one given.
 
-    Other names are passed over: what is said of all nodes serves many.
+    Other names are ignored: what is given to all nodes is for many.
 
     Raises
     ------
