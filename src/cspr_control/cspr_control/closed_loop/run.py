@@ -31,7 +31,7 @@ from cspr_drivers.simulation.fault_injection import FaultOrder
 from cspr_kinematics import Payload, Pose, Robot
 from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
-_MEASURING = 2.0  # s for the load to be measured before the trajectory begins
+_MEASURING = 2.0  # s for the payload to be measured before the trajectory begins
 _SETTLING = 1.5  # s after the end of the trajectory, or after a fault
 _STEP = 0.02  # s between two looks at what goes on
 
@@ -117,7 +117,7 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
     def over() -> bool:
         return stopped() or player.phase.at_rest
 
-    pause("measuring the load", _MEASURING, stopped)
+    pause("measuring the payload", _MEASURING, stopped)
     _start(loop, scenario, faults)
 
     moving = (player.end_time - loop.time.system_ns()) * 1e-9
