@@ -1,4 +1,4 @@
-"""Run the whole robot on this machine: the node graph on simulated drives, recorded and analysed."""
+"""Run the whole robot on this computer: the node graph on simulated drives, recorded and analysed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ PACKAGES = {
 DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and report how well it did.
 
-Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
+Three processes are started, on this computer alone (control, the simulated robot, the recorder). The robot is enabled,
 moves to the start of the trajectory, follows it with a payload that the controller does not know of, picks up
 another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
 bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""

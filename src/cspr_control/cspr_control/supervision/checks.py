@@ -247,8 +247,8 @@ class SupervisionChecks:
         cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))
         if cable is not None:
             detail = (
-                f"cable_{cable + 1} shows {tensions[cable]:z.0f} N, the torque of its motor is that of "
-                f"{torque_tensions[cable]:z.0f} N; difference allowed {limits.tension_difference:g} N"
+                f"cable_{cable + 1} shows {tensions[cable]:z.0f} N, the torque of its motor corresponds to "
+                f"{torque_tensions[cable]:z.0f} N; allowed difference {limits.tension_difference:g} N"
             )
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
         source = MonitoredInput.CABLE_TENSIONS

@@ -70,7 +70,7 @@ class ParameterFile:
     ------
     ParameterError
         If the content is not that of a parameter file, something stands in it twice, or a node of ours has no such
-        parameter; nodes that are not ours are passed over.
+        parameter; nodes that are not ours are ignored.
     """
 
     def __init__(self, text: str | bytes, name: str) -> None:
@@ -100,7 +100,7 @@ class ParameterFile:
             raise ParameterError(f"cannot read {path}: {error.strerror}") from error
 
     def of(self, node: str) -> dict[str, Any]:
-        """Return the given parameters of a node by name; what is said of it alone beats what is said of all."""
+        """Return the given parameters of a node by name; its own take precedence over those of all."""
         return self._nodes.get(ALL_NODES, {}) | self._nodes.get(node, {})
 
     def values(self, node: str) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def require_heard(where: str, node: str, name: str, heard: Heard) -> None:
     node
         Name of the node, or `ALL_NODES`: then it is enough that one takes it.
     name
-        Name of the parameter; what is not ours is passed over.
+        Name of the parameter; what is not ours is ignored.
     heard
         What the nodes that are there take.
 

@@ -63,7 +63,7 @@ class NodeParameter:
         return f"{self.meaning}{choices}" + (f" [{self.unit}]" if self.unit else "")
 
     def in_slow_motion(self, value: float, speed: float) -> float:
-        """Return what `value` becomes when a second of the computer has `speed` seconds of the machine.
+        """Return what `value` becomes when the simulated machine runs at `speed` of real time.
 
         Raises
         ------
