@@ -131,7 +131,7 @@ def test_the_truth_comes_over_the_topic_of_the_estimate() -> None:
         ("can", "rate: 1\n"),
         ("control", "- a\n"),
         ("simulation", "payload: [\n"),
-        ("control", "a: 2001-99-99\n"),
+        ("control", "a: !!timestamp 2001-99-99\n"),
     ],
 )
 def test_a_file_that_the_demo_cannot_use_is_named(tmp_path: Path, name: str, text: str) -> None:

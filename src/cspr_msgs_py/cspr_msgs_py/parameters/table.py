@@ -9,7 +9,7 @@ imported, see :mod:`cspr_msgs_py.runtime.parameters` for that.
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from functools import cache, partial
 from typing import Any
 
@@ -33,7 +33,7 @@ CAN_CONFIG = _fixed("can_config", "config/can.yaml", "File that describes the CA
 CONTROL_RATE = _fixed(
     "control_rate", 250.0, "Rate of the control cycle, as the bus driver runs it", "Hz", 1.0, 2000.0
 )
-MOTOR = _fixed("motor", 1, "Motor to control, counted from 1", "", 1)
+MOTOR = _fixed("motor", 1, "Motor to control, counted from 1", "", 1, 127)
 SETPOINT_TIMEOUT = _fixed(
     "setpoint_timeout", 0.1, "Age at which a set-point is no longer used", "s", 1e-3, 1.0, stretch=_DURATION
 )
@@ -86,7 +86,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("model", "dynamic", "Model of the feed-forward torque", choices=tuple(FeedforwardModel)),
         _live("payload_source", "estimated", "Which payload is used", choices=tuple(PayloadSource)),
         _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
-        _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m"),
+        _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m", -10.0, 10.0),
         _MAX_PAYLOAD,
         _live("payload_timeout", 0.5, "Age from which an estimate counts as stale", "s", 1e-3, 60.0,
               stretch=_DURATION),
@@ -158,7 +158,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     "load_cells": (
         CAN_CONFIG,
         AUTOSTART,
-        _fixed("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0),
+        _fixed("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0, 1e4),
     ),
     "simulated_robot": (
         CAN_CONFIG,
@@ -175,17 +175,29 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _fixed("topics", [""], "Topics to record besides /events; if empty, all, including those that appear later"),
         _fixed("attach", [""], "Files to keep inside the bag; config/*.yaml if empty"),
         _fixed("compression", "zstd", "Of the bag", choices=("zstd", "lz4", "none")),
-        _fixed("split_size", 0.0, "Continue in a new file at this size, 0 for never", "MB", 0.0),
-        _fixed("split_duration", 0.0, "Continue in a new file after this time, 0 for never", "s", 0.0),
+        _fixed("split_size", 0.0, "Continue in a new file at this size, 0 for never", "MB", 0.0, 1e6),
+        _fixed("split_duration", 0.0, "Continue in a new file after this time, 0 for never", "s", 0.0, 1e6),
         _fixed("nice", 5, "Nice level of the threads that receive and write", "", 0, 19),
-        _fixed("control_rate", 250.0, "Rate of the control cycle, noted in the bag", "Hz", 0.0),
+        replace(CONTROL_RATE, meaning="Rate of the control cycle, noted in the bag"),
         _live("mark_text", "", "Text of the next mark, which ~/mark makes; a mark always has a number"),
     ),
 }  # fmt: skip
 """The parameters of each node; every node also has those of its process."""
 
+NODES = tuple(node.replace("_K", "_1") for node in TABLE)
+"""The nodes' names, with one motor controller for all."""
+
 OF_PROCESS = (CPU.name, REALTIME_PRIORITY.name)
 """Parameters that say how a process runs, not what its nodes do."""
+
+_TAKEN_FOR_NODES = {
+    "control": "motor_control_gains",
+    "drivers": "can_drives",
+    "emulated_robot": "simulated_robot",
+    "payload_estimator": "mass_estimator",
+    "feed_forward": "feedforward",
+}
+"""Names of programs and of what nodes do, and the nodes that they may be meant for."""
 
 _WITHOUT_PRIORITY = ("recorder", "robot_markers")  # the control loop comes first
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -199,11 +211,36 @@ def node_parameters(node: str) -> Mapping[str, NodeParameter]:
     """
     if node == ALL_NODES:
         return {name: row for each in TABLE for name, row in node_parameters(each).items()}
-    key = re.sub(r"^motor_controller_\d+$", "motor_controller_K", node)
+    key = re.sub(r"^motor_controller_[1-9]\d*$", "motor_controller_K", node)
     if key not in TABLE:
         return {}
     process = (CPU,) if node in _WITHOUT_PRIORITY else (CPU, REALTIME_PRIORITY)
     return {parameter.name: parameter for parameter in (*TABLE[key], *process)}
+
+
+def _meant_node(name: str) -> str | None:
+    """Return the node of ours that a name, which is none of theirs, was probably meant for.
+
+    It was, if it is almost one of them, or made of parts of their words alone. Other nodes have a word of their own.
+    """
+    ours = {node: node for node in NODES} | _TAKEN_FOR_NODES
+    words = re.findall("[a-z]+", name.lower())
+    shared = {
+        node: {word for word in words if any(_is_part(word, whole) for whole in node.split("_"))}
+        for node in ours
+    }
+    of_our_words = words and set(words) == set().union(*shared.values())
+    if not of_our_words and not get_close_matches(name.lower(), ours, n=1, cutoff=0.8):
+        return None
+    nearest = max(
+        ours, key=lambda node: (len(shared[node]), SequenceMatcher(None, name.lower(), node).ratio())
+    )
+    number = re.search(r"[1-9]\d*$", name)
+    return re.sub("^motor_controller(_1)?$", f"motor_controller_{number[0] if number else 1}", ours[nearest])
+
+
+def _is_part(word: str, whole: str) -> bool:
+    return (len(word) >= 3 and whole.startswith(word)) or SequenceMatcher(None, word, whole).ratio() >= 0.8
 
 
 class ParameterValues(dict[str, Any]):
@@ -257,9 +294,9 @@ def known_parameter(node: str, name: str) -> NodeParameter | None:
         If a node of ours has no such parameter, or the node's name is almost that of one; says what was probably meant.
     """
     everywhere, known = node_parameters(ALL_NODES), node_parameters(node)
-    if not known:
-        if close := get_close_matches(node.lower(), TABLE, n=1, cutoff=0.8):
-            raise ParameterError(f"there is no node {node}; did you mean {close[0]}?")
+    if not known or node.endswith("_K"):
+        if meant := _meant_node(node):
+            raise ParameterError(f"there is no node {node}; did you mean {meant}?")
         return None
     if name in known or name.startswith(_OF_ROS):
         return known.get(name)
@@ -269,7 +306,7 @@ def known_parameter(node: str, name: str) -> NodeParameter | None:
     if elsewhere == near != []:
         hint = f"; did you mean {near[0]}?"
     elif elsewhere:
-        hint = f"; {next(each for each in TABLE if elsewhere[0] in node_parameters(each))} has {elsewhere[0]}"
+        hint = f"; {next(each for each in NODES if elsewhere[0] in node_parameters(each))} has {elsewhere[0]}"
     raise ParameterError(
         f"{'no node has a' if node == ALL_NODES else f'{node} has no'} parameter {name!r}{hint}"
     )
