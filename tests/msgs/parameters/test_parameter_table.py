@@ -55,6 +55,10 @@ def test_later_values_win_and_must_fit() -> None:
         parameter_values("mass_estimator", {"time_constant": True})
     with pytest.raises(ParameterError, match="nominal_payload_center"):
         parameter_values("feedforward", {"nominal_payload_center": ["a"]})
+    with pytest.raises(
+        ParameterError, match=r"nominal_payload_center is 11\.0; it must lie in \[-10, 10\] m"
+    ):
+        parameter_values("feedforward", {"nominal_payload_center": [0.0, 11.0, 0.0]})
     with pytest.raises(ParameterError, match="model is 3"):
         parameter_values("feedforward", {"model": 3})
     with pytest.raises(ParameterError, match=r"kp is -1.0; it must lie in \[0, 1000\] N m/rad"):

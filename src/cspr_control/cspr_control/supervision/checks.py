@@ -9,7 +9,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.errors import SettingError
 from cspr_control.supervision.debounce import Debounce
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
@@ -110,18 +109,6 @@ class SupervisionLimits:
     enable_timeout: float
     stop_timeout: float
     drive_timeout: float
-
-    def __post_init__(self) -> None:
-        others = ("max_ages", "workspace_min", "workspace_max")
-        values = {name: value for name, value in vars(self).items() if name not in others}
-        values |= {f"largest age of {source.value}": age for source, age in self.max_ages.items()}
-        for name, value in values.items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise SettingError(f"{name} is {value}; it must be finite and not negative")
-        if self.tension_min >= self.tension_max:
-            raise SettingError(
-                f"tension_min, {self.tension_min} N, must be below tension_max, {self.tension_max} N"
-            )
 
 
 class SupervisionChecks:

@@ -23,7 +23,7 @@ class NodeParameter:
     meaning, unit : str
         Shown by ``ros2 param describe``.
     minimum, maximum : float or None
-        Inclusive range of a number; None for what has none.
+        Inclusive range of a number, or of each one of a list; None for what has none.
     choices : tuple of str
         The words that it may be; empty for any.
     changeable : bool
@@ -91,11 +91,17 @@ class NodeParameter:
             values = None if isinstance(value, str) or not hasattr(value, "__iter__") else list(value)
             if values is None or not all(_is(self.kind, each) for each in values):
                 raise ParameterError(self._refused(value, f"must be a list of {_WORDS[self.kind]}s"))
+            for each in values:
+                self._require_in_range(each)
             return values
         if not _is(self.kind, value):
             raise ParameterError(self._refused(value, f"must be a {_WORDS[self.kind]}"))
         if self.choices and value not in self.choices:
             raise ParameterError(self._refused(value, f"must be one of {', '.join(self.choices)}"))
+        self._require_in_range(value)
+        return self.kind(value)
+
+    def _require_in_range(self, value: Any) -> None:
         if self.kind in (int, float):
             low = -math.inf if self.minimum is None else self.minimum
             high = math.inf if self.maximum is None else self.maximum
@@ -103,7 +109,6 @@ class NodeParameter:
                 raise ParameterError(
                     self._refused(value, f"must lie in [{low:g}, {high:g}] {self.unit}".rstrip())
                 )
-        return self.kind(value)
 
     def as_double(self, value: Any) -> Any:
         """Return a whole number as a double where that is needed, for people who need not write it as ROS does."""

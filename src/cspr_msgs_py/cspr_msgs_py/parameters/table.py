@@ -33,7 +33,7 @@ CAN_CONFIG = _fixed("can_config", "config/can.yaml", "File that describes the CA
 CONTROL_RATE = _fixed(
     "control_rate", 250.0, "Rate of the control cycle, as the bus driver runs it", "Hz", 1.0, 2000.0
 )
-MOTOR = _fixed("motor", 1, "Motor to control, counted from 1", "", 1)
+MOTOR = _fixed("motor", 1, "Motor to control, counted from 1", "", 1, 127)
 SETPOINT_TIMEOUT = _fixed(
     "setpoint_timeout", 0.1, "Age at which a set-point is no longer used", "s", 1e-3, 1.0, stretch=_DURATION
 )
@@ -86,7 +86,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("model", "dynamic", "Model of the feed-forward torque", choices=tuple(FeedforwardModel)),
         _live("payload_source", "estimated", "Which payload is used", choices=tuple(PayloadSource)),
         _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
-        _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m"),
+        _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m", -10.0, 10.0),
         _MAX_PAYLOAD,
         _live("payload_timeout", 0.5, "Age from which an estimate counts as stale", "s", 1e-3, 60.0,
               stretch=_DURATION),
@@ -158,7 +158,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     "load_cells": (
         CAN_CONFIG,
         AUTOSTART,
-        _fixed("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0),
+        _fixed("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0, 1e4),
     ),
     "simulated_robot": (
         CAN_CONFIG,
@@ -175,10 +175,10 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _fixed("topics", [""], "Topics to record besides /events; if empty, all, including those that appear later"),
         _fixed("attach", [""], "Files to keep inside the bag; config/*.yaml if empty"),
         _fixed("compression", "zstd", "Of the bag", choices=("zstd", "lz4", "none")),
-        _fixed("split_size", 0.0, "Continue in a new file at this size, 0 for never", "MB", 0.0),
-        _fixed("split_duration", 0.0, "Continue in a new file after this time, 0 for never", "s", 0.0),
+        _fixed("split_size", 0.0, "Continue in a new file at this size, 0 for never", "MB", 0.0, 1e6),
+        _fixed("split_duration", 0.0, "Continue in a new file after this time, 0 for never", "s", 0.0, 1e6),
         _fixed("nice", 5, "Nice level of the threads that receive and write", "", 0, 19),
-        _fixed("control_rate", 250.0, "Rate of the control cycle, noted in the bag", "Hz", 0.0),
+        replace(CONTROL_RATE, meaning="Rate of the control cycle, noted in the bag"),
         _live("mark_text", "", "Text of the next mark, which ~/mark makes; a mark always has a number"),
     ),
 }  # fmt: skip
