@@ -53,7 +53,7 @@ class Experiment:
         return controller_label(self.controller.value, self.exact_mass)
 
     def loads(self) -> Iterator[tuple[float, float]]:
-        """Yield when the load changes, s after the start of the trajectory, and the mass aboard from then on, kg."""
+        """Yield when the payload changes, s after the start of the trajectory, and the mass aboard from then on, kg."""
         mass = self.payload
         for added in sorted(self.added, key=lambda added: added.time):
             mass += added.mass
