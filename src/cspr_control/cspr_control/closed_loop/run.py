@@ -82,18 +82,23 @@ def run(
         begin = loop.time.monotonic()
         with ExitStack() as opened:
             opened.callback(loop.machine.close)
+            faults = [(planned, loop.machine.faults.read(planned.fault)) for planned in scenario.faults]
             if bag is not None:
                 opened.enter_context(recorded(bag, scenario, loop))
-            _operate(loop, scenario, progress)
+            _operate(loop, scenario, faults, progress)
     except DriverError as error:
         raise ClosedLoopError(str(error)) from error
     return recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
 
 
-def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> None:
+def _operate(
+    loop: ClosedLoop[Any],
+    scenario: Scenario,
+    faults: Sequence[tuple[PlannedFault, FaultOrder]],
+    progress: Progress,
+) -> None:
     """Do what an operator does, from switching on to switching off."""
     begin = loop.time.monotonic()
-    faults = [(planned, loop.machine.faults.read(planned.fault)) for planned in scenario.faults]
     first = min((planned.time for planned in scenario.faults), default=math.inf)
 
     def pause(step: str, duration: float, done: Callable[[], bool] = lambda: False) -> bool:
@@ -147,12 +152,13 @@ def _start(
         return trajectory
 
     loop.play(make)
-    for time, mass in scenario.loads():
-        stamp = player.start_time + round(time * 1e9)
-        loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
     lasts = (player.end_time - player.start_time) * 1e-9
     if scenario.duration is not None:
         lasts = min(lasts, scenario.duration)
+    for time, mass in scenario.loads():
+        if time < lasts:
+            stamp = player.start_time + round(time * 1e9)
+            loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
     for planned, order in faults:
         if planned.time > lasts + _SETTLING:
             raise ClosedLoopError(
