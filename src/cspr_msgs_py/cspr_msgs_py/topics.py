@@ -15,8 +15,8 @@ PLATFORM_FRAME = "platform"
 class Rate(Enum):
     """How often a topic is published, where that is not a fixed number of hertz."""
 
-    CONTROL = "once a control cycle"
-    BUS = "once a SYNC of the CAN bus"
+    CONTROL = "once per control cycle"
+    BUS = "once per SYNC of the CAN bus"
     ON_CHANGE = "on change"
     ON_REQUEST = "on request"
 

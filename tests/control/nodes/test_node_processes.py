@@ -61,7 +61,7 @@ def test_a_process_says_its_name_and_ends_on_a_signal(executable, parameters, la
 def test_what_cannot_start_says_why_in_one_line():
     processes = {
         "name the robot's file with -p robot_config:=PATH": start(
-            "feedforward", "-p", "robot_config:=no.yaml"
+            "control_nodes:feedforward", "-p", "robot_config:=no.yaml"
         ),
         "motor: 9": start("motor_controller", "-p", "motor:=9"),
         "nominal_payload_mass": start("control_nodes:feedforward", "-p", "nominal_payload_mass:=-5.0"),

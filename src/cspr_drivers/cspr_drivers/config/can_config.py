@@ -52,7 +52,7 @@ class DeviceConfig(Generic[Units]):
     units
         Scale and sign of its counts and torques, or scale and zero of its tensions.
     identity
-        What its identity object must hold; `None` before the machine is commissioned.
+        What its identity object must hold; `None` before the robot is commissioned.
     """
 
     name: str

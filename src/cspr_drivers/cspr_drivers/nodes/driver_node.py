@@ -166,7 +166,7 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         name
             Of the service, of type ``std_srvs/srv/Trigger``.
         act
-            What the driver is told.
+            Passes the command to the driver.
         needs_active
             Whether the command arms something.
         """

@@ -42,10 +42,13 @@ def declare(node: Node, row: NodeParameter, default: Any = None) -> Any:
         value = node.declare_parameter(
             row.name, row.default if default is None else default, descriptor
         ).value
+        if value is None:  # what ROS makes of an empty list
+            row.checked([])
+            raise ParameterError(f"{row.name} is []; leave it out for the default")
         row.checked(value)
     except ParameterException as error:
-        integer_for_double = row.kind is float and "'INTEGER'" in str(error)
-        hint = "; a double is written with a decimal point: 5.0" if integer_for_double else ""
+        integer_for_double = row.kind is float and "'INTEGER" in str(error)
+        hint = "; a double is written with a decimal point: write 2.0 for 2" if integer_for_double else ""
         raise StartError(f"parameter {row.name}: {error}{hint}") from error
     except ParameterError as error:
         raise StartError(f"parameter {error}") from error

@@ -24,7 +24,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from cspr_msgs_py.errors import MessageError, NodeError, ParameterError
+from cspr_msgs_py.errors import MessageError, NodeError, ParameterError, shortened
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.parameters.file import Heard, check_arguments
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
@@ -66,7 +66,7 @@ def run_nodes(
         Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
         All have the parameter ``cpu``, which binds the process to one CPU.
     asked_before : mapping
-        Parameters of nodes that are there only until the factory has asked for them.
+        Parameters of nodes that exist only until the factory has read them.
 
     Returns
     -------
@@ -226,7 +226,7 @@ def _report(name: str, error: Exception) -> int:
     deliberate = kind.__module__ != "builtins" or isinstance(error, OSError)
     if not deliberate:
         traceback.print_exception(error)
-    text = " ".join(str(error).split()) or kind.__name__
+    text = shortened(" ".join(str(error).split())) or kind.__name__
     print(f"{name}: {text if deliberate else f'{kind.__name__}: {text}'}", file=sys.stderr, flush=True)
     return 1
 
@@ -269,7 +269,7 @@ def sample_publisher(node: Node, topic: Topic, number_of_motors: int = 0) -> Cal
 def subscribe_samples(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
     """Subscribe to a topic that does not depend on the robot; the callback receives its samples.
 
-    What cannot be read is told in the log and passed over.
+    Messages that cannot be read are logged and skipped.
     """
     decode = topic_codec(topic, 0).decode
 
