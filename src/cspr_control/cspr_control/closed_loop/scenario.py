@@ -12,7 +12,7 @@ import numpy as np
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import Experiment, require_undecided
 from cspr_drivers.simulation.fault_injection import InjectedFault
-from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_drivers.simulation.simulation_config import LARGEST_SEED, SimulationConfig
 from cspr_kinematics import Payload, Pulleys
 from cspr_msgs_py.bag.bag_file import Attachment
 from cspr_msgs_py.parameters.file import ParameterFile
@@ -81,6 +81,8 @@ class Scenario(Experiment):
     speed: float = 1.0
 
     def __post_init__(self) -> None:
+        if self.seed is not None and not 0 <= self.seed <= LARGEST_SEED:
+            raise ControlError(f"the seed is {self.seed:.6g}; it must lie in [0, {LARGEST_SEED}]")
         if self.faults and not self.devices:
             raise ControlError("faults need devices that can have them: run the scenario with devices")
         require_undecided(self.parameters)
@@ -88,8 +90,9 @@ class Scenario(Experiment):
     @property
     def reaction_time(self) -> float:
         """From the motor states to the arrival of the torques at the driver, s."""
-        usual = _LATENCY if self.devices else _LATENCY_WITH_BUS
-        return usual if self.latency is None else self.latency
+        if self.latency is not None:
+            return self.latency
+        return _LATENCY if self.devices else _LATENCY_WITH_BUS
 
     def read_parameters(self) -> ParameterFile:
         """Read control.yaml, with what is otherwise in this run."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any, NamedTuple
 
 from cspr_control.errors import SettingError
@@ -17,6 +18,8 @@ _DECIDED = {
     ("trajectory_publisher", "trajectory"): "--trajectory",
 }
 """The parameters that an experiment itself decides, and the options that say how."""
+
+_FILES = {"can_config": "can.yaml", "simulation_config": "simulation.yaml"}
 
 MEASURING = 2.0
 """How long the load is measured before the trajectory begins, s."""
@@ -69,7 +72,21 @@ class Experiment:
             yield added.time, mass
 
     def choose(self, parameters: ParameterFile) -> None:
-        """Let parameters of the control nodes be those of the controller and the trajectory."""
+        """Let parameters of the control nodes be those of the controller and the trajectory.
+
+        Raises
+        ------
+        SettingError
+            If the file names other files for the machine than those that a simulated run takes.
+        """
+        for node in ("can_drives", "load_cells", "simulated_robot"):
+            for name, file in _FILES.items():
+                given = parameters.of(node).get(name, file)
+                if PurePath(str(given)).name != file:
+                    raise SettingError(
+                        f"{parameters.name}: {name} of {node} is {given}; here it is {file} in the directory of the "
+                        "configuration: leave the parameter out, and give that directory with --config"
+                    )
         # the truth comes over the same path as the estimate would
         source = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
         parameters.change("feedforward", {"model": str(self.controller.model), "payload_source": str(source)})
@@ -80,4 +97,4 @@ def require_undecided(parameters: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse parameters, by node, that an `Experiment` decides; raises SettingError naming the option to use."""
     for (node, name), option in _DECIDED.items():
         if any(name in parameters.get(each, {}) for each in (node, ALL_NODES)):
-            raise SettingError(f"{node}.{name} is decided by {option}: use that")
+            raise SettingError(f"{node}.{name} is decided by {option}: use that instead")

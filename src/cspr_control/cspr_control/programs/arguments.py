@@ -85,8 +85,8 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, controllers: Any =
     add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
     add(
         "--trajectory", choices=TRAJECTORIES, default=_DEFAULT.trajectory.value, metavar="NAME",
-        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s (hold and move, which a robot is commissioned "
-        "with, have no path to compare controllers on)",
+        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s (hold and move, by which a robot is "
+        "commissioned, are no tests of a controller)",
     )  # fmt: skip
     mass = number("a mass in kg, 0 or more", 0.0)
     add(
