@@ -8,6 +8,7 @@ import numpy as np
 
 from cspr_control.errors import TrajectoryError
 from cspr_kinematics import Motion, Pose, Robot
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 WORKSPACE_CHECK_POINTS = 41
 """Number of points, equally spaced in time, at which a trajectory is compared with the workspace."""
@@ -39,7 +40,7 @@ class Hold:
         Length in time, s.
     """
 
-    name = "hold"
+    name = TrajectoryName.HOLD
 
     def __init__(self, pose: Pose, duration: float) -> None:
         if not duration >= 0.0:
