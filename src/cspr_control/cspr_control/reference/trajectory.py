@@ -43,8 +43,6 @@ class Hold:
     name = TrajectoryName.HOLD
 
     def __init__(self, pose: Pose, duration: float) -> None:
-        if not duration >= 0.0:
-            raise TrajectoryError(f"hold: the duration is {duration} s; it must not be negative")
         self.duration = duration
         self._point = Motion.at_rest(pose)
 

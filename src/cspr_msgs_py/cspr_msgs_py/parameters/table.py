@@ -66,8 +66,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     "trajectory_publisher": (
         ROBOT_CONFIG,
         CONTROL_RATE,
-        _live("trajectory", TrajectoryName.PAPER_19.value, "Trajectory that the next start plays",
-              choices=tuple(TrajectoryName)),
+        _live("trajectory", "paper-19", "Trajectory that the next start plays", choices=tuple(TrajectoryName)),
         _live("move_position", list, "Target position of move, in base; the home pose's by default", "m"),
         _live("move_orientation", list,
               "Target angles alpha, beta, gamma of move, about z, y, x; the home pose's by default", "rad"),
@@ -84,10 +83,8 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "feedforward": (
         ROBOT_CONFIG,
-        _live("model", FeedforwardModel.DYNAMIC.value, "Model of the feed-forward torque",
-              choices=tuple(FeedforwardModel)),
-        _live("payload_source", PayloadSource.ESTIMATED.value, "Which payload is used",
-              choices=tuple(PayloadSource)),
+        _live("model", "dynamic", "Model of the feed-forward torque", choices=tuple(FeedforwardModel)),
+        _live("payload_source", "estimated", "Which payload is used", choices=tuple(PayloadSource)),
         _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
         _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m", -10.0, 10.0),
         _MAX_PAYLOAD,
