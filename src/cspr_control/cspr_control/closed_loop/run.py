@@ -116,7 +116,7 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
     def over() -> bool:
         return stopped() or player.phase.at_rest
 
-    pause("measuring the load", MEASURING, stopped)
+    pause("measuring the payload", MEASURING, stopped)
     _start(loop, scenario, faults)
 
     moving = (player.end_time - loop.time.system_ns()) * 1e-9

@@ -149,7 +149,7 @@ class Progress:
         elapsed = time.monotonic() - self._began
         if self._live:
             client = self._client
-            load = f"  load {client.estimated_mass:z6.1f} kg (true {client.true_mass:.1f})"
+            load = f"  payload {client.estimated_mass:z6.1f} kg (true {client.true_mass:.1f})"
             line = f"{self._title}: {elapsed:5.1f} s  {step:<20}{load if math.isfinite(client.estimated_mass) else ''}"
             sys.stdout.write(f"\r\x1b[K{line}")
             sys.stdout.flush()

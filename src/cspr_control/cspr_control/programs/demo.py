@@ -221,7 +221,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                 children.start(name, PACKAGES[name], arguments)
             run.wait("starting", lambda: not client.missing, 120.0, lambda: client.missing)
             run.enable(30.0)
-            run.pause("measuring the load", MEASURING)
+            run.pause("measuring the payload", MEASURING)
             run.call("/trajectory_publisher/start", 10.0)
             run.wait(
                 "moving to the start", lambda: client.trajectory_times is not None, 5.0, client.phase_text

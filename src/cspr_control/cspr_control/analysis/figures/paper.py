@@ -129,7 +129,7 @@ def deviation_figure(statistics: Mapping[str, ErrorStatistics]) -> Figure:
 
 
 def payload_change_figure(
-    time: Floats, deviation: Floats, change_time: float, cable: int = 1, unit_change: str = "the load changes"
+    time: Floats, deviation: Floats, change_time: float, cable: int = 1, unit_change: str = "payload changes"
 ) -> Figure:
     """Fig. 10: one cable's deviation between the models before and after the payload changes.
 
