@@ -236,10 +236,16 @@ class PayloadEstimator:
         settings = self.settings
         mass_step = settings.mass_rate_limit * step
         center_step = settings.center_rate_limit * step
-        bounded_mass = min(max(mass, 0.0), settings.max_payload)
-        bounded_center = np.clip(center, -settings.max_offset, settings.max_offset)
-        published_mass = last.mass + min(max(bounded_mass - last.mass, -mass_step), mass_step)
-        published_center = last.center_of_mass[:2] + np.clip(
-            bounded_center - last.center_of_mass[:2], -center_step, center_step
+        offset = settings.max_offset
+        published_mass = last.mass + _clipped(
+            _clipped(mass, 0.0, settings.max_payload) - last.mass, -mass_step, mass_step
         )
-        return Payload(published_mass, np.array([*published_center, settings.payload_height]))
+        published_center = [
+            before + _clipped(_clipped(after, -offset, offset) - before, -center_step, center_step)
+            for before, after in zip(last.center_of_mass[:2].tolist(), center.tolist(), strict=True)
+        ]
+        return Payload(published_mass, [*published_center, settings.payload_height])
+
+
+def _clipped(value: float, lowest: float, highest: float) -> float:
+    return min(max(value, lowest), highest)
