@@ -37,6 +37,9 @@ $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	flock src $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation \
 		--no-deps $(PACKAGES:%=-e src/%)
 	$(VENV)/bin/python -m cspr_kinematics.warm_up config/robot.yaml
+	$(VENV)/bin/python -c 'from cspr_drivers.simulation.plant.plant import Plant; \
+		from cspr_drivers.simulation.simulation_config import SimulationConfig; \
+		Plant(SimulationConfig.from_yaml("config/simulation.yaml"))'  # compiles the kernels of the plant
 	@$(MAKE) --no-print-directory hook
 	@touch $@
 

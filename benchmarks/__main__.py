@@ -6,14 +6,14 @@ import argparse
 from importlib import import_module
 
 BENCHMARKS = {
-    "machine": "what this computer can keep to at best: a bare loop at 250 Hz (a minute)",
+    "machine": "what this computer can keep up with at best: a bare loop at 250 Hz (a minute)",
     "kinematics": "the mathematics of the control cycle",
     "tensions": "bounded tensions against other solvers, from 6 to 16 cables",
     "scaling": "growth of our own times with the number of cables and poses",
     "reading": "a bag into numpy arrays, against other readers (half a minute)",
     "recorder": "the recorder under the whole graph at 500 Hz (20 s; longer: python -m benchmarks.recorder --help)",
     "controllers": "the controllers in closed loop without ROS (half a minute)",
-    "filter_limit": "the quickest filter of the mass estimate (about a minute)",
+    "filter_limit": "the fastest filter of the mass estimate (about a minute)",
     "closed_loop": "how much faster than real time the closed loop is simulated (half a minute)",
 }
 

@@ -1,3 +1,4 @@
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 from cspr_control.reference.catalogue import TrajectoryOptions
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import Pose, Robot
+from cspr_msgs_py.parameters.table import defaults
 
 ROBOT_FILE = Path(__file__).parents[2] / "config" / "robot.yaml"
 
@@ -22,7 +24,8 @@ def robot():
 
 @pytest.fixture(scope="session")
 def limits():
-    return MotionLimits(speed=0.2, acceleration=0.3, angular_speed=0.2, angular_acceleration=0.4)
+    values = defaults("trajectory_publisher")
+    return MotionLimits(**{field.name: values[field.name] for field in fields(MotionLimits)})
 
 
 @pytest.fixture(scope="session")

@@ -170,7 +170,7 @@ def test_a_node_that_dies_ends_the_demo_with_its_name(tmp_path: Path, demo: list
     children = demo[0].children()
     os.kill(children["control"], signal.SIGKILL)
     assert demo[0].end(60.0) == 1
-    assert "control ended with signal SIGKILL; its last words" in demo[0].text
+    assert "control ended with signal SIGKILL; its last output" in demo[0].text
     assert gone(children)
     log = (demo[0].runs / "latest" / "log" / "simulated_robot.log").read_text(encoding="utf-8")
     # nobody commands torques any more, and the robot does not hang on open brakes for that

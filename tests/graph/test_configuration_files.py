@@ -55,6 +55,21 @@ SPELLINGS = [
     ".inf",
     "'1'",
 ]
+SPELLINGS += [
+    "1_000",
+    "1.5_0",
+    "0x1_0",
+    "1:30",
+    "12:30:00",
+    "1:30.5",
+    "2001-01-01",
+    "0b11",
+    "0o17",
+    "08",
+    "09.5",
+    "=",
+]
+SPELLINGS += ["<<", "+.5", "-.5e3", "-017", "00", "1e", "tRue", "1.5.2"]
 SPELLINGS += ["[1, 2]", "[1.0, 2e-1]", "[yes, off]", "[a, 'off']"]
 
 
@@ -102,15 +117,8 @@ ODD = [
     "null",
     "~",
     "''",
-    "1_000",
-    "1:30",
-    "2001-01-01",
-    "0b11",
-    "0o17",
-    "08",
     "!!str 1",
     "!!float 1",
-    "1.5_0",
     "|\n  on",
 ]
 
@@ -138,8 +146,10 @@ def test_a_spelling_means_the_same_in_every_file(text: str, head: str) -> None:
         ("[" + "[" * 2000, "maximum recursion depth"),
         ("!foo 1", "could not determine a constructor for the tag"),
         ("!!float word", "could not convert string to float"),
-        ("!!python/object/apply:os.getcwd []", "could not determine a constructor for the tag"),
-        ("2001-99-99", "month must be in 1..12"),
+        ("!!python/object/apply:os.getcwd [1]", "could not determine a constructor for the tag"),
+        ("!!timestamp 2001-99-99", "month must be in 1..12"),
+        ('"a\\0b"', "found a NUL byte in a text (line "),
+        ('["\\x00"]', "found a NUL byte in a text (line "),
         ("[1, 2", "expected ',' or ']'"),
     ],
 )

@@ -9,6 +9,7 @@ import pytest
 from cspr_control.supervision.checks import FaultKind
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_drivers.drives.torque_frames import CommandFault
+from cspr_drivers.simulation.fault_injection import InjectedFault
 from cspr_msgs_py.parameters.table import TABLE
 from cspr_msgs_py.vocabulary import TrajectoryName
 
@@ -49,6 +50,11 @@ def test_every_fault_of_the_robot_has_meaning_and_remedy():
     for kind in FaultKind:
         assert kind.value in table, f"'{kind.value}' is not in docs/operation.md"
     assert all(len(row) == 3 and all(row) for row in table.values())
+
+
+def test_every_fault_on_purpose_is_named():
+    named = set(re.findall(r"`(\w+)`", section("Faults on purpose")))
+    assert {fault.value for fault in InjectedFault} - named == set(), "not in docs/operation.md"
 
 
 def test_every_cause_has_meaning_and_remedy():

@@ -232,7 +232,7 @@ def test_simulated_time_uses_or_refuses_what_it_is_given(name: str, row: NodePar
         refusal = str(error)
     if refusal:
         assert row.name in refusal or f"{node} is not here" in refusal
-        assert how == "changed" or "mine.yaml" in refusal
+        assert how == "changed" or "mine.yaml" in refusal or "must be the same for all" in refusal
     else:
         assert used or (how == "in the file" and name in OF_OTHER_PROCESSES)
 

@@ -72,7 +72,7 @@ class SlowClock(Clock):
     Parameters
     ----------
     speed
-        Seconds of the machine in a second of the computer.
+        Simulated seconds per second of the computer.
     """
 
     def __init__(self, speed: float) -> None:

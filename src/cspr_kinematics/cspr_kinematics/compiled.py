@@ -119,7 +119,7 @@ def _stamp_with_sources(compiled: Any) -> None:
 
 
 class _CompilationNotice(event.Listener):  # type: ignore[misc]
-    """Logs once that kernels are being compiled, because the first call then takes seconds."""
+    """Logs once that kernels are being compiled, because the first calls then take so long."""
 
     def __init__(self) -> None:
         self._said = False
@@ -131,7 +131,7 @@ class _CompilationNotice(event.Listener):  # type: ignore[misc]
             when = "in every process" if _without_cache else "once after installation"
             later = "" if _without_cache else ", and later starts load them from the cache"
             logger.warning(
-                "cspr_kinematics: compiling its kernels for this machine, %s; this takes a few seconds%s",
+                "cspr_kinematics: compiling its kernels for this machine, %s; all of them take a minute or two%s",
                 when,
                 later,
             )

@@ -1,6 +1,7 @@
 """Compile, or load from the cache, the kernels of a control cycle before the first cycle needs them.
 
-`python -m cspr_kinematics.warm_up ROBOT_FILE` does so after an installation; compiling takes about a minute.
+`python -m cspr_kinematics.warm_up ROBOT_FILE` does so after an installation, and compiles those of the exploration of
+the workspace besides; that takes a minute, up to two on a busy computer.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from cspr_kinematics.motion.motion import motion_from_euler
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot.robot import Robot
 from cspr_kinematics.tensions.distribute import bounded_methods, distribute_tensions
+from cspr_kinematics.workspace.exploration import explore_workspace
 from cspr_kinematics.workspace.wrench_set import available_wrenches
 
 
@@ -41,6 +43,7 @@ def main() -> int:
     start = perf_counter()
     robot = Robot.from_yaml(sys.argv[1])
     warm_up(robot)
+    explore_workspace(robot, spacing=10.0)
     print(f"kernels of cspr_kinematics are ready ({perf_counter() - start:.1f} s)")
     return 0
 

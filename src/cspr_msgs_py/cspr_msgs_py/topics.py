@@ -15,8 +15,8 @@ PLATFORM_FRAME = "platform"
 class Rate(Enum):
     """How often a topic is published, where that is not a fixed number of hertz."""
 
-    CONTROL = "once a control cycle"
-    BUS = "once a SYNC of the CAN bus"
+    CONTROL = "once per control cycle"
+    BUS = "once per SYNC of the CAN bus"
     ON_CHANGE = "on change"
     ON_REQUEST = "on request"
 
@@ -194,7 +194,9 @@ SET_SIMULATED_PAYLOAD = _reliable(
 _ROWS = tuple(row for row in list(globals().values()) if isinstance(row, Topic))
 
 # What every node of ROS publishes by itself; no part of the graph, and so not among `graph_topics`.
-ROSOUT = _latched("/rosout", LOG, Rate.ON_REQUEST, "*", "lines of the log", depth=1000)
+ROSOUT = Topic(
+    "/rosout", LOG, Rate.ON_REQUEST, "*", "lines of the log", reliable=True, latched=True, depth=1000
+)
 
 
 def motor_command(k: int) -> Topic:

@@ -131,11 +131,11 @@ def test_the_truth_comes_over_the_topic_of_the_estimate() -> None:
         ("can", "rate: 1\n"),
         ("control", "- a\n"),
         ("simulation", "payload: [\n"),
-        ("control", "a: 2001-99-99\n"),
+        ("control", "a: !!timestamp 2001-99-99\n"),
     ],
 )
 def test_a_file_that_the_demo_cannot_use_is_named(tmp_path: Path, name: str, text: str) -> None:
     shutil.copytree(CONFIG, tmp_path / "source")
     (tmp_path / "source" / f"{name}.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(DemoError, match=f"{name}.yaml is not as the demo needs it"):
+    with pytest.raises(DemoError, match=f"{name}.yaml does not suit the demo"):
         replace(SCENARIO, realtime=False).copy_configuration(tmp_path / "source", tmp_path / "config")

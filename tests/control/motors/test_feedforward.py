@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from cspr_control.errors import PayloadError, SettingError
+from cspr_control.errors import PayloadError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, checked_payload
 from cspr_control.reference.paper import paper_19, paper_19_tilt
 from cspr_kinematics import (
@@ -215,18 +215,6 @@ def test_a_payload_that_cannot_be_is_refused(robot, mass, center, complaint):
     with pytest.raises(PayloadError, match="estimated payload"):
         feedforward.set_estimate(0.1, mass, center)
     assert feedforward.payload_in_use(0.1)[0].mass == 40.0
-
-
-@pytest.mark.parametrize("setting", ["max_payload", "payload_timeout", "switch_slew"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
-def test_settings_are_checked(setting, value):
-    with pytest.raises(SettingError, match=setting):
-        FeedforwardSettings(**{setting: value})
-
-
-def test_nominal_payload_must_not_exceed_the_largest():
-    with pytest.raises(PayloadError, match="max_payload"):
-        FeedforwardSettings(nominal_payload=Payload(400.0, np.zeros(3)))
 
 
 def test_pose_that_is_not_level_keeps_the_weight(robot):

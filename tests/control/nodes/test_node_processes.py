@@ -13,7 +13,10 @@ PATIENCE = 30.0
 
 
 def start(executable, *parameters):
-    command = f"import sys; from cspr_control.nodes.{executable} import main; sys.exit(main())"
+    module, _, function = executable.partition(":")
+    command = (
+        f"import sys; from cspr_control.nodes.{module} import {function or 'main'} as main; sys.exit(main())"
+    )
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     arguments = ["--ros-args", *parameters] if parameters else []
     return subprocess.Popen(
@@ -57,9 +60,11 @@ def test_a_process_says_its_name_and_ends_on_a_signal(executable, parameters, la
 
 def test_what_cannot_start_says_why_in_one_line():
     processes = {
-        "nowhere.yaml": start("feedforward", "-p", "robot_config:=nowhere.yaml"),
+        "name the robot's file with -p robot_config:=PATH": start(
+            "control_nodes:feedforward", "-p", "robot_config:=no.yaml"
+        ),
         "motor: 9": start("motor_controller", "-p", "motor:=9"),
-        "nominal_payload_mass": start("feedforward", "-p", "nominal_payload_mass:=-5.0"),
+        "nominal_payload_mass": start("control_nodes:feedforward", "-p", "nominal_payload_mass:=-5.0"),
     }
     for complaint, process in processes.items():
         _, errors = finish(process)

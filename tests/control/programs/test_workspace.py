@@ -76,7 +76,7 @@ def test_without_matplotlib(
         (["--payload", "-1", "5"], "payload_min"),
         (["--spacing", "0"], "spacing"),
         (["--at", "0", "0", "9"], "--at = [0.0, 0.0, 9.0]: outside the grid"),
-        (["--robot", "missing.yaml"], "missing.yaml"),
+        (["--robot", "missing.yaml"], "name the robot's file with --robot FILE"),
     ],
 )
 def test_what_cannot_be_computed_is_one_line(

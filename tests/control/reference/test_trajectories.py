@@ -9,7 +9,7 @@ from cspr_control.reference import catalogue
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.paper import TILT, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
-from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.quintic import PEAK_ACCELERATION, PEAK_SPEED, quintic, quintic_integral
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.trajectory import Hold, require_inside_workspace
@@ -172,12 +172,6 @@ def test_point_to_point_without_distance_takes_no_time(robot, limits):
     move = PointToPoint(robot.home, robot.home, limits)
     assert move.duration == 0.0
     np.testing.assert_array_equal(move.sample(-1.0).pose.position, robot.home.position)
-
-
-@pytest.mark.parametrize("speed", [0.0, -1.0, math.inf, math.nan])
-def test_motion_limits_must_be_positive(speed):
-    with pytest.raises(TrajectoryError, match="speed"):
-        MotionLimits(speed, 1.0, 1.0, 1.0)
 
 
 def test_times_outside_the_trajectory_count_as_its_ends(robot, options):

@@ -1,4 +1,4 @@
-"""The walk through a new machine, end to end against the emulated devices on the virtual bus.
+"""The commissioning of a new robot, end to end against the emulated devices on the virtual bus.
 
 The machine is a bench: every winch turns by itself, and weights are hung on its cable by hand.
 """
@@ -449,7 +449,7 @@ def test_answers_come_from_a_file(rig, content, tmp_path, capsys):
     assert CanConfig.from_yaml(rig.path).drives[0].node_id == 3
     # the machine is the one that the file describes now: there is nothing to be done, unless that is wanted
     assert main(arguments) == 0
-    assert "nothing changes: the machine is what the file says" in capsys.readouterr().out
+    assert "nothing changes: the file describes the robot as it is" in capsys.readouterr().out
     answers.write_text("keep: no\n")
     assert main(arguments) == 1
     assert (

@@ -160,7 +160,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["rate: [1, 2\n", "rate: 2001-99-99", "rate: 250.0\nrate: 500.0", "[" * 1000],
+    ["rate: [1, 2\n", "rate: !!timestamp 2001-99-99", "rate: 250.0\nrate: 500.0", "[" * 1000],
     ids=lambda text: text[:12],
 )
 def test_a_file_that_is_no_yaml_is_named(tmp_path, text):

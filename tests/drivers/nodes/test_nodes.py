@@ -275,7 +275,7 @@ def test_another_rate_than_the_controllers_expect_is_refused(context, config, po
 
 @pytest.mark.parametrize("node_class", [CanDrives, LoadCells])
 def test_a_missing_configuration_file_is_named(context, node_class):
-    with pytest.raises(ConfigurationError, match=r"no_such\.yaml: cannot be read"):
+    with pytest.raises(ConfigurationError, match=r"no_such\.yaml: cannot be read.*-p can_config:=PATH"):
         node_class(context=context, parameter_overrides=[Parameter("can_config", value="no_such.yaml")])
 
 

@@ -73,7 +73,7 @@ def test_a_mapping_that_fits() -> None:
         ({"driver": {"radius": 0, "spokes": 3}}, "driver.radius = 0: must be positive"),
         (
             {"driver": {"radius": 1.0, "spokes": 3, "axis": [1.0]}},
-            "driver.axis = [1.0]: has 1 elements where 3 must",
+            "driver.axis = [1.0]: has 1 elements where 3 are needed",
         ),
         ({"driver": {"radius": 1.0, "spokes": 2.0}}, "spokes = 2.0: must be a whole number from 3 to 36"),
         ({"colour": "green"}, "colour = 'green': must be one of red, blue"),

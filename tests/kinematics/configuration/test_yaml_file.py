@@ -29,7 +29,7 @@ def test_a_mapping_is_returned(tmp_path: Path) -> None:
         ),
         ("a: [1, 2\n", "is not valid YAML: while parsing a flow sequence, "),
         (b"\xff\xfe\x00\xd8", "is not valid YAML: 'utf-8' codec"),
-        ("a: 2001-99-99", "is not valid YAML: month must be"),
+        ("a: !!timestamp 2001-99-99", "is not valid YAML: month must be"),
         ("[" * 1000, "is not valid YAML: maximum recursion depth"),
     ],
     ids=lambda value: str(value)[:12],

@@ -147,8 +147,8 @@ def test_home_outside_the_workspace_or_at_an_exit_point(
         "\t- a",
         "\x00",
         "a: b: c",
-        "name: 2001-99-99",
-        "mass: 0b_",
+        "name: !!timestamp 2001-99-99",
+        "mass: !!int 0b_",
         pytest.param("mass: 1" + "0" * 5000, id="digits"),
         pytest.param("[" * 1000, id="brackets"),
     ],
@@ -172,10 +172,8 @@ def test_a_key_that_stands_there_twice(robot_file: Path, tmp_path: Path) -> None
 def test_yaml_that_is_no_robot(tmp_path: Path, text: str) -> None:
     path = tmp_path / "other.yaml"
     path.write_text(text)
-    with pytest.raises(
-        ConfigurationFileError, match=r"must be a mapping of keys to values; .*-p robot_config:=PATH"
-    ):
-        Robot.from_yaml(path)
+    with pytest.raises(ConfigurationFileError, match=r"must be a mapping of keys to values; use --robot"):
+        Robot.from_yaml(path, "use --robot")
 
 
 def test_bytes_that_are_no_text(tmp_path: Path) -> None:
@@ -186,8 +184,8 @@ def test_bytes_that_are_no_text(tmp_path: Path) -> None:
 
 
 def test_a_missing_file_says_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationFileError, match="-p robot_config:=PATH") as caught:
-        Robot.from_yaml(tmp_path / "none.yaml")
+    with pytest.raises(ConfigurationFileError, match=r"; use --robot$") as caught:
+        Robot.from_yaml(tmp_path / "none.yaml", "use --robot")
     assert "none.yaml" in str(caught.value)
     with pytest.raises(ConfigurationFileError, match="cannot be read"):
         Robot.from_yaml(tmp_path)

@@ -169,13 +169,13 @@ class TestServices:
         counted("/motor_states", 1)
         counted("/robot_state", 1)
         assert ask("pause").message == "the recording is paused"
-        assert ask("pause").message == "the recording is paused already"
+        assert ask("pause").message == "the recording is already paused"
         states.publish(CODEC.encode(2, np.zeros(6), np.zeros(6), np.zeros(6)))
         for name in ("enabling", "enabled"):
             state.publish(diagnostic_status("supervisor", 0, name))
         events.publish(String(data="gripper closed"))
         counted("/events", 2)
-        assert ask("resume").message == "the recording goes on"
+        assert ask("resume").message == "the recording continues"
         assert ask("resume").message == "the recording is not paused"
         states.publish(CODEC.encode(3, np.zeros(6), np.zeros(6), np.zeros(6)))
         assert ask("mark").message == "mark 1 is on /events"

@@ -34,8 +34,35 @@ def test_what_is_said_of_a_node_beats_what_is_said_of_all():
         ("a: [", "not YAML"),
         ("", "maps no names"),
         ("42", "maps no names"),
-        ("node: {kp: 1.0}", "node has no ros__parameters"),
-        ("node: {ros__parameters: 3}", "node has no ros__parameters"),
+        ("node: {kp: 1.0}", "line 1: node/kp is 1.0; parameters stand under their node, as in "),
+        ("node: {ros__parameters: 3}", "line 1: node/ros__parameters is 3; parameters stand under"),
+        ("/**: 5", r"line 1: /\*\* is 5; parameters stand under their node"),
+        ("/**:", r"line 1: /\*\* is empty; parameters stand under their node"),
+        (
+            "ros__parameters: {kp: 1.0}",
+            "line 1: ros__parameters is a list or mapping; parameters stand under their node",
+        ),
+        ("x: {ros__parameters: {a: 1, b: {}}}", r"line 1: x: b is empty; give it a value, or leave it out"),
+        ("x: {ros__parameters: {a: {b: {}}}}", r"line 1: x: a.b is empty; give it a value"),
+        ("x: {ros__parameters: {a: []}}", r"line 1: x: a is empty; give it a value"),
+        ("x: {ros__parameters: {a: }}", "line 1: x: a is empty; give it a value"),
+        (
+            "recorder: {ros__parameters: {split_size: 5}}",
+            "recorder: split_size is 5; .* finite number; write 5.0",
+        ),
+        (
+            "trajectory_publisher: {ros__parameters: {move_position: [1, 2.5, 0]}}",
+            r"move_position is \[1, 2.5, 0\]; it must be a list of finite numbers; write \[1.0, 2.5, 0.0\]",
+        ),
+        (
+            "supervisor: {ros__parameters: {stuck_time: 12:30:00}}",
+            "stuck_time is '12:30:00'; it must be a finite",
+        ),
+        ("supervisor: {ros__parameters: {stuck_time: 1_000}}", "stuck_time is '1_000'; it must be a finite"),
+        (
+            "supervisor: {ros__parameters: {stuck_time: 123456.789012}}",
+            r"stuck_time is 123457; .* \[0, 1000\] s",
+        ),
         ("/**:\n  ros__parameters: {kP: 1.0}", "line 2: no node has a parameter 'kP'; did you mean kp"),
         (
             "trajectory_publisher:\n  ros__parameters:\n    speeed: 1.0",
@@ -93,11 +120,71 @@ def test_a_change_must_fit():
 
 
 @pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("pose", "pose_estimator"),
+        ("mass", "mass_estimator"),
+        ("payload_estimator", "mass_estimator"),
+        ("trajectory", "trajectory_publisher"),
+        ("motor_gains", "motor_control_gains"),
+        ("gains", "motor_control_gains"),
+        ("controller", "motor_control_gains"),
+        ("control", "motor_control_gains"),
+        ("motor_controler_3", "motor_controller_3"),
+        ("motor_controller_0", "motor_controller_1"),
+        ("motor_controller_K", "motor_controller_1"),
+        ("motor_5", "motor_controller_5"),
+        ("drives", "can_drives"),
+        ("drivers", "can_drives"),
+        ("simulated", "simulated_robot"),
+        ("emulated_robot", "simulated_robot"),
+        ("feed_forward_control", "feedforward"),
+        ("candrives", "can_drives"),
+        ("Recorder", "recorder"),
+    ],
+)
+def test_a_node_that_is_almost_one_of_ours_is_refused_with_the_one_that_was_meant(name, meant):
+    with pytest.raises(ParameterError, match=rf"there is no node {name}; did you mean {meant}\?"):
+        ParameterFile(f"{name}: {{ros__parameters: {{kp: 2.0}}}}", "odd.yaml")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "rviz",
+        "rviz2",
+        "joy",
+        "joy_node",
+        "camera_driver",
+        "foxglove_bridge",
+        "robot_state_publisher",
+        "controller_manager",
+        "imu_driver",
+        "joint_trajectory_controller",
+        "rosbag2_recorder",
+        "usb_cam",
+        "robot_localization",
+        "static_transform_publisher",
+    ],
+)
+def test_a_node_with_a_word_of_its_own_is_none_of_our_business(name):
+    assert ParameterFile(f"{name}: {{ros__parameters: {{kp: 2}}}}", "odd.yaml").of(name) == {"kp": 2}
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["-p", "kP:=3.0"], "-p kP:=3.0: no node has a parameter 'kP'; did you mean kp"),
         (["--param", "feedforward:modl:=none"], "feedforward has no parameter 'modl'; did you mean model"),
         (["-p", "/ns/feedforward:modl:=none"], "did you mean model"),
+        (
+            ["-p", "motor_controler_3:kp:=1.0"],
+            r"no node motor_controler_3; did you mean motor_controller_3\?",
+        ),
+        (["-p", "motor_controller_0:kp:=1.0"], "no node motor_controller_0; did you mean motor_controller_1"),
+        (["-r", "__node:=x"], "-r __node:=x: other nodes find this one by its name"),
+        (["--remap", "feedforward:__node:=x"], "--remap feedforward:__node:=x: other nodes find"),
+        (["--remap", "__name:=x"], "--remap __name:=x: other nodes find"),
         (["-p", "supervisr:stuck_time:=1.0"], "no node supervisr; did you mean supervisor"),
         (["-p", "motor:=3", "-p", "motor_controller_12:kp:=1.0", "-p", "use_sim_time:=true"], None),
         (["-p", "qos_overrides./tf.publisher.depth:=1", "-p", "rviz:zzz:=1", "-r", "a:=b"], None),

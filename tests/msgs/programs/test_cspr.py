@@ -28,8 +28,8 @@ def test_lists_every_program_and_imports_none() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     for line in (
-        "  demo         Run the whole robot on this machine",
-        "  commission   Walk through a new machine",
+        "  demo         Run the whole robot on this computer",
+        "  commission   Commission a new robot",
     ):
         assert line in done.stdout
 

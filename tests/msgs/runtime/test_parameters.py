@@ -52,7 +52,7 @@ def test_the_range_holds_while_the_node_runs(node) -> None:
 @pytest.mark.parametrize(
     ("value", "complaint"),
     [
-        (5, "parameter gain: .*expecting type 'DOUBLE'.*with a decimal point: 5.0"),
+        (5, "parameter gain: .*expecting type 'DOUBLE'.*with a decimal point: write 2.0 for 2"),
         ("high", "parameter gain: .*'STRING', expecting type 'DOUBLE'"),
         (-1.0, "parameter gain: .*out of range Min: 0.0, Max: 10.0"),
         (float("nan"), "parameter gain: .*out of range"),

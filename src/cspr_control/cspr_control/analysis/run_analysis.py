@@ -78,7 +78,7 @@ class RunAnalysis:
     def load_text(self) -> str:
         """Return the payloads in words, such as ``100, then 200 kg``."""
         loads = [f"{mass:g}" for _, mass in self.loads()]
-        return f"{', then '.join(loads)} kg" if loads else "unknown load"
+        return f"{', then '.join(loads)} kg" if loads else "unknown payload"
 
     def errors_by_load(self) -> dict[float, Floats]:
         """Return the RMS position error (m,) of the motors, degrees, for each payload in kg."""

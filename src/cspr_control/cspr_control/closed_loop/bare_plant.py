@@ -61,7 +61,7 @@ class BarePlant:
                 self.plant.set_torque(index, torque)
 
     def call(self, service: str) -> Decision:
-        """Open the brakes, or close them; as the cables pull now, so do the motors until they are told otherwise."""
+        """Open the brakes, or close them; the motors balance the present tensions until the next command."""
         self._advance()
         if service == "/can_drives/enable":
             self._enabled = True

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from cspr_control.closed_loop.loop import ClosedLoop
 from cspr_control.closed_loop.robot import SimulatedRobot
-from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.point_to_point import PointToPoint
 from cspr_drivers.simulation.fault_injection import FaultOrder, InjectedFault
 from cspr_kinematics import Pose
 from cspr_msgs_py.topics import RECORDER_STATE
@@ -92,7 +92,7 @@ def _freeze(loop: RobotLoop) -> None:
 
 def _leave_workspace(loop: RobotLoop) -> None:
     outside = Pose(loop.robot.workspace_max * (0.0, 1.0, 0.0) + (0.0, 0.2, 1.0), np.eye(3))
-    quick = MotionLimits(speed=0.8, acceleration=1.0, angular_speed=0.2, angular_acceleration=0.4)
+    quick = replace(loop.player.limits, speed=0.8, acceleration=1.0)
     loop.play(lambda here: PointToPoint(here, outside, quick))
 
 
@@ -102,13 +102,13 @@ def sideways(here: Pose, distance: float) -> Pose:
 
 
 def _hurry(loop: RobotLoop) -> None:
-    quick = MotionLimits(speed=1.0, acceleration=3.0, angular_speed=0.2, angular_acceleration=0.4)
+    quick = replace(loop.player.limits, speed=1.0, acceleration=3.0)
     loop.play(lambda here: PointToPoint(here, sideways(here, 1.0), quick))
 
 
 def _lift_what_is_caught(loop: RobotLoop) -> None:
     loop.machine.faults.inject(FaultOrder(InjectedFault.PLATFORM_CAUGHT))
-    slow = MotionLimits(speed=0.05, acceleration=0.3, angular_speed=0.2, angular_acceleration=0.4)
+    slow = replace(loop.player.limits, speed=0.05)
     up = np.array([0.0, 0.0, 0.3])
     loop.play(lambda here: PointToPoint(here, Pose(here.position + up, here.rotation), slow))
 

@@ -47,7 +47,7 @@ class ClosedLoop(Generic[M]):
     exact_mass
         Whether the feed-forward is given the true mass.
     speed
-        Seconds of the machine in a second of the computer that runs the graph.
+        Simulated seconds per second of the computer that runs the graph.
 
     Attributes
     ----------

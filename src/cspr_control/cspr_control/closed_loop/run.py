@@ -21,6 +21,7 @@ from cspr_control.closed_loop.robot import SimulatedRobot
 from cspr_control.closed_loop.scenario import PlannedFault, Scenario
 from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_control.parameters.control_settings import control_settings, robot_file
+from cspr_control.parameters.experiment import MEASURING, SETTLING
 from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
@@ -31,8 +32,6 @@ from cspr_drivers.simulation.fault_injection import FaultOrder
 from cspr_kinematics import Payload, Pose, Robot
 from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
-_MEASURING = 2.0  # s for the load to be measured before the trajectory begins
-_SETTLING = 1.5  # s after the end of the trajectory, or after a fault
 _STEP = 0.02  # s between two looks at what goes on
 
 Progress = Callable[[str, float], None]
@@ -117,7 +116,7 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
     def over() -> bool:
         return stopped() or player.phase.at_rest
 
-    pause("measuring the load", _MEASURING, stopped)
+    pause("measuring the payload", MEASURING, stopped)
     _start(loop, scenario, faults)
 
     moving = (player.end_time - loop.time.system_ns()) * 1e-9
@@ -127,9 +126,9 @@ def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> N
     pause("moving", moving + 1.0, over)
     if player.phase is not TrajectoryPhase.FINISHED and scenario.duration is None and not loop.cause:
         raise ClosedLoopError(f"the trajectory was not followed to its end: {player.interruption}")
-    pause("settling", _SETTLING)
+    pause("settling", SETTLING)
     loop.order("/supervisor/stop")
-    pause("stopping", _SETTLING, lambda: loop.state in (RobotState.DISABLED, RobotState.FAULT))
+    pause("stopping", SETTLING, lambda: loop.state in (RobotState.DISABLED, RobotState.FAULT))
     stopped()
 
 
@@ -154,7 +153,7 @@ def _start(
     if scenario.duration is not None:
         lasts = min(lasts, scenario.duration)
     for planned, order in faults:
-        if planned.time > lasts + _SETTLING:
+        if planned.time > lasts + SETTLING:
             raise ClosedLoopError(
                 f"{planned.fault} at {planned.time:g} s would come too late: the trajectory is over after {lasts:g} s"
             )

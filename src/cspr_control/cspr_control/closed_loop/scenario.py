@@ -61,7 +61,7 @@ class Scenario(Experiment):
     phase
         From the start of the trajectory to the first set-point on it, s, less than a period; None lets it be.
     speed
-        Seconds of the machine in a second of the computer on which the controllers run.
+        Simulated seconds per second of the computer on which the controllers run.
     """
 
     faults: tuple[PlannedFault, ...] = ()

@@ -66,11 +66,11 @@ class ChildProcesses:
         return self._log_directory / f"{name}.log"
 
     def check(self, names: Collection[str] | None = None) -> None:
-        """Raise ControlError, with its last words, if a child has ended; one of those named, where some are."""
+        """Raise ControlError, with its last output, if a child has ended; one of those named, where some are."""
         for name, child in self._children.items():
             if (names is None or name in names) and (status := child.poll()) is not None:
                 raise ControlError(
-                    f"{name} ended with {_status_text(status)}; its last words (all of them: {self.log(name)}):\n"
+                    f"{name} ended with {_status_text(status)}; its last output (all of it: {self.log(name)}):\n"
                     f"{self._last_words(name) or '(it said nothing)'}"
                 )
 

@@ -1,4 +1,4 @@
-"""ROS domains that graphs on one machine do not share."""
+"""ROS domains that graphs on one computer do not share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DEMO_DOMAINS = range(33, 13, -1)
 
 
 def claim_domain(domains: Iterable[int] = DEMO_DOMAINS) -> socket.socket:
-    """Set ROS_DOMAIN_ID to a domain that nobody on this machine has claimed, unless it is set already.
+    """Set ROS_DOMAIN_ID to a domain that nobody on this computer has claimed, unless it is set already.
 
     Two graphs in one domain would command each other's motors. The claim is an address of the kernel's (unix(7),
     abstract sockets), which is free again when the process has ended, however it ended.
@@ -48,6 +48,6 @@ def claim_domain(domains: Iterable[int] = DEMO_DOMAINS) -> socket.socket:
             os.environ[VARIABLE] = domain
             return claim
     raise ControlError(
-        f"ROS domain {', '.join(tried)} is taken by another graph on this machine; wait for its end, or set {VARIABLE} "
-        "to another number"
+        f"ROS domain {', '.join(tried)} is taken by another graph on this computer; wait for its end, or set "
+        f"{VARIABLE} to another number"
     )

@@ -18,7 +18,7 @@ from cspr_msgs_py import topics
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
 
-# A machine without real-time priority, shared with who knows what, may stand still for longer than a robot may be
+# A computer without real-time priority, shared with other programs, may stand still for longer than a robot may be
 # left alone. Without a robot, and without --realtime, the demo therefore waits longer than the configuration says.
 _RELAXED_WATCHDOGS = {
     "command": 0.5,
@@ -79,7 +79,7 @@ class Scenario(Experiment):
             if self.speed != 1.0:
                 control.slow_down(self.speed)
         except ParameterError as error:
-            raise DemoError(f"{control_file} is not as the demo needs it: {error}") from error
+            raise DemoError(f"{control_file} does not suit the demo: {error}") from error
         self.choose(control)
         control_file.write_text(control.text(), encoding="utf-8")
 
@@ -123,5 +123,5 @@ def _edited(file: Path) -> Iterator[dict[str, Any]]:
         values = read_yaml(file)
         yield values
     except (ConfigurationFileError, TypeError, KeyError) as error:
-        raise DemoError(f"{file} is not as the demo needs it: {type(error).__name__} {error}") from error
+        raise DemoError(f"{file} does not suit the demo: {type(error).__name__} {error}") from error
     write_yaml(file, values)

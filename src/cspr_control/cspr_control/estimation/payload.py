@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_control.errors import MeasurementError, SettingError
+from cspr_control.errors import MeasurementError
 from cspr_control.estimation.payload_measurement import PayloadMeasurement, measure_payload
 from cspr_kinematics import Payload, Pose, Robot
 
@@ -51,13 +51,6 @@ class EstimatorSettings:
     max_sideways_ratio: float
     tensions_timeout: float
     pose_timeout: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not math.isfinite(value):
-                raise SettingError(f"{name} is {value}; it must be finite")
-            if value <= 0.0 and name != "payload_height":
-                raise SettingError(f"{name} is {value}; it must be more than zero")
 
 
 @dataclass(frozen=True, eq=False)

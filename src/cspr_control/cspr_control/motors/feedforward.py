@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_control.errors import PayloadError, SettingError
+from cspr_control.errors import PayloadError
 from cspr_kinematics import (
     InvalidInputError,
     Method,
@@ -23,13 +23,12 @@ from cspr_kinematics import (
     required_wrench,
     static_wrench,
 )
-from cspr_msgs_py.parameters.table import defaults
+from cspr_msgs_py.parameters.table import defaults, node_parameters
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStatus
 
-LARGEST_OFFSET = 10.0
-"""Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
-
 _DEFAULT = defaults("feedforward")
+_LARGEST_OFFSET = node_parameters("feedforward")["nominal_payload_center"].maximum or math.inf
+"""Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
 
 
 @dataclass(frozen=True)
@@ -52,17 +51,6 @@ class FeedforwardSettings:
     switch_slew: float = _DEFAULT["switch_slew"]
     tension_method: Method = _DEFAULT["tension_method"]
 
-    def __post_init__(self) -> None:
-        for name in ("max_payload", "payload_timeout", "switch_slew"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise SettingError(f"{name} is {value}; it must be finite and more than zero")
-        if self.nominal_payload.mass > self.max_payload:
-            raise PayloadError(
-                f"the nominal payload of {self.nominal_payload.mass} kg exceeds max_payload, "
-                f"{self.max_payload} kg"
-            )
-
 
 def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_payload: float) -> Payload:
     """Build a payload that the robot can carry.
@@ -82,7 +70,7 @@ def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_paylo
     ------
     PayloadError
         If a number is not finite, the mass is negative or exceeds the largest one, or the centre of mass is
-        further off than `LARGEST_OFFSET`.
+        further off than that of a nominal payload may be.
     """
     try:
         payload = Payload(mass, center_of_mass)
@@ -91,9 +79,9 @@ def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_paylo
     if mass > max_payload:
         raise PayloadError(f"{what}: the mass is {mass} kg; it must not exceed max_payload, {max_payload} kg")
     center = payload.center_of_mass.tolist()
-    if max(map(abs, center)) > LARGEST_OFFSET:
+    if max(map(abs, center)) > _LARGEST_OFFSET:
         raise PayloadError(
-            f"{what}: the centre of mass is {center} m; no coordinate may exceed {LARGEST_OFFSET:g} m"
+            f"{what}: the centre of mass is {center} m; no coordinate may exceed {_LARGEST_OFFSET:g} m"
         )
     return payload
 

@@ -18,27 +18,12 @@ _NANOSECOND = 1e-9
 
 @dataclass(frozen=True)
 class MotorGains:
-    """Gains of the control law, the same for all motors; meanings and units: `cspr_msgs_py.parameters.table`.
-
-    Raises
-    ------
-    SettingError
-        If a gain is not finite, negative, or a share above one; or the smoothing speed is zero.
-    """
+    """Gains of the control law, the same for all motors; meanings, units, ranges: `cspr_msgs_py.parameters.table`."""
 
     kp: float
     kd: float
     friction_compensation: float
     friction_smoothing_speed: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise SettingError(f"{name} is {value}; it must be finite and not negative")
-        if self.friction_compensation > 1.0:
-            raise SettingError(f"friction_compensation is {self.friction_compensation}; it must not exceed 1")
-        if self.friction_smoothing_speed == 0.0:
-            raise SettingError("friction_smoothing_speed is 0 rad/s; it must be more than zero")
 
     def require_sampled_stability(self, inertia: float, period: float) -> None:
         """Refuse a derivative gain with which the motor of a slack cable would oscillate.

@@ -52,7 +52,7 @@ class DemoClient(Node):
     def missing(self) -> str:
         """What is not there yet."""
         waiting = {"recorder", "can_drives", "load_cells", "feedforward", "supervisor"} - self._seen
-        parts = [f"no word yet from {', '.join(sorted(waiting))}"] if waiting else []
+        parts = [f"nothing received yet from {', '.join(sorted(waiting))}"] if waiting else []
         if self.drives != DriverState.DISABLED:
             parts.append(f"drives are {self.drives or 'silent'}")
         if self.robot_state != RobotState.DISABLED:
@@ -69,7 +69,7 @@ class DemoClient(Node):
             return cause
         return (
             f"{cause}. This computer missed {missed} of {cycles} control cycles: it is too slow or too "
-            "busy for the machine's pace; close what else runs, or slow the machine down with --speed 0.5"
+            "busy for real time; close other programs, or slow the simulated machine down with --speed 0.5"
         )
 
     def phase_text(self) -> str:
@@ -149,7 +149,7 @@ class Progress:
         elapsed = time.monotonic() - self._began
         if self._live:
             client = self._client
-            load = f"  load {client.estimated_mass:z6.1f} kg (true {client.true_mass:.1f})"
+            load = f"  payload {client.estimated_mass:z6.1f} kg (true {client.true_mass:.1f})"
             line = f"{self._title}: {elapsed:5.1f} s  {step:<20}{load if math.isfinite(client.estimated_mass) else ''}"
             sys.stdout.write(f"\r\x1b[K{line}")
             sys.stdout.flush()

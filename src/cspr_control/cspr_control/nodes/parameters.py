@@ -26,7 +26,7 @@ def declare_robot(node: Node) -> Robot:
     cspr_kinematics.ConfigurationFileError
         If the file is missing or does not describe a robot.
     """
-    return Robot.from_yaml(declare(node, ROBOT_CONFIG))
+    return Robot.from_yaml(declare(node, ROBOT_CONFIG), "name the robot's file with -p robot_config:=PATH")
 
 
 def changeable_settings(

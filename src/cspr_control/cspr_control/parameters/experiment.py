@@ -9,6 +9,12 @@ from typing import NamedTuple
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.vocabulary import Controller, PayloadSource, TrajectoryName, controller_label
 
+MEASURING = 2.0
+"""How long the load is measured before the trajectory begins, s."""
+
+SETTLING = 1.5
+"""How long a run goes on after the end of the trajectory, or after a fault, s."""
+
 TRAJECTORIES = [
     name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
 ]
@@ -47,7 +53,7 @@ class Experiment:
         return controller_label(self.controller.value, self.exact_mass)
 
     def loads(self) -> Iterator[tuple[float, float]]:
-        """Yield when the load changes, s after the start of the trajectory, and the mass aboard from then on, kg."""
+        """Yield when the payload changes, s after the start of the trajectory, and the mass aboard from then on, kg."""
         mass = self.payload
         for added in sorted(self.added, key=lambda added: added.time):
             mass += added.mass

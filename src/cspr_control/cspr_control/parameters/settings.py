@@ -33,7 +33,7 @@ def require_same(name: str, values: Mapping[str, Any]) -> None:
         if values[node] != values[first]:
             raise SettingError(
                 f"{name} of {node} is {values[node]}, of {first} {values[first]}; "
-                f"it must be the same for all nodes of one control: give it to {ALL_NODES}"
+                f"it must be the same for all nodes of one graph: set it under {ALL_NODES}"
             )
 
 

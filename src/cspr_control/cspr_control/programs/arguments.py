@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from cspr_control.parameters.experiment import TRAJECTORIES, AddedPayload
+from cspr_control.parameters.experiment import TRAJECTORIES, AddedPayload, Experiment
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import value_from_text
 from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
-_DEFAULT_ADDED = AddedPayload(100.0, 3.0)
+_DEFAULT = Experiment()
 
 
 def number(what: str, least: float, most: float = math.inf) -> Callable[[str], float]:
@@ -77,31 +77,31 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, controllers: Any =
     (controllers or parser).add_argument(
         "--controller",
         choices=[one.value for one in Controller],
-        default="pdff-mass",
+        default=_DEFAULT.controller.value,
         help="default: %(default)s",
     )
     add = parser.add_argument
     add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
     add(
-        "--trajectory", choices=TRAJECTORIES, default="paper-19", metavar="NAME",
+        "--trajectory", choices=TRAJECTORIES, default=_DEFAULT.trajectory.value, metavar="NAME",
         help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
     )  # fmt: skip
     mass = number("a mass in kg, 0 or more", 0.0)
     add(
-        "--payload", type=mass, default=100.0, metavar="KG",
+        "--payload", type=mass, default=_DEFAULT.payload, metavar="KG",
         help="aboard from the start; default: %(default)s",
     )  # fmt: skip
     add(
         "--add-payload", type=_added_payload, action="append", metavar="KG@S",
         help="added S seconds after the start of the trajectory, or taken away, as in --add-payload=-50@3; several, or "
-        "none; default: 100@3",
+        "none; default: " + ", ".join(f"{mass:g}@{time:g}" for mass, time in _DEFAULT.added),
     )  # fmt: skip
     add_configuration_argument(parser)
 
 
 def chosen_experiment(parser: argparse.ArgumentParser, options: argparse.Namespace) -> dict[str, Any]:
     """Return what an `Experiment` is made of; ends the program when the arguments do not fit together."""
-    added = tuple(filter(None, options.add_payload or [_DEFAULT_ADDED]))
+    added = tuple(filter(None, options.add_payload or _DEFAULT.added))
     mass = options.payload
     for change in sorted(added, key=lambda change: change.time):
         if mass + change.mass < 0.0:

@@ -29,9 +29,9 @@ from cspr_msgs_py.programs.command_line import (
 DESCRIPTION = """\
 Run the control graph on a simulated robot in simulated time: what the demo does live, without ROS and without waiting.
 
-The robot is enabled, weighs its load, follows the trajectory, stops and closes its brakes. Graph, drivers, devices,
-buses and plant are those of the demo; with --plant the graph drives the plant alone, which is quicker still. Nothing
-depends on how quick or how busy this computer is: the same command gives the same numbers, and the same bytes in the
+The robot is enabled, measures its payload, follows the trajectory, stops and closes its brakes. Graph, drivers,
+devices, buses and plant are those of the demo; with --plant the plant alone, which is faster still. Nothing
+depends on how fast or how busy this computer is: the same command gives the same numbers, and the same bytes in the
 bag."""
 EPILOG = """\
 examples:

@@ -1,4 +1,4 @@
-"""Run the whole robot on this machine: the node graph on simulated drives, recorded and analysed."""
+"""Run the whole robot on this computer: the node graph on simulated drives, recorded and analysed."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from cspr_control.demo.scenario import Scenario, ros_arguments, ros_parameter
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
 from cspr_control.parameters.control_settings import robot_file
+from cspr_control.parameters.experiment import MEASURING, SETTLING
 from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment, number
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.parameters.file import ParameterFile
@@ -40,7 +41,7 @@ PACKAGES = {
 DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and report how well it did.
 
-Three processes are started on this machine alone (control, the simulated robot, the recorder). The robot is enabled,
+Three processes are started, on this computer alone (control, the simulated robot, the recorder). The robot is enabled,
 moves to the start of the trajectory, follows it with a payload that the controller does not know of, picks up
 another one on the way, stops and closes its brakes. Everything lies in runs/<UTC time>/, runs/latest points there:
 bag/ (MCAP), config/ (what was used), log/, summary.json, analysis/ (report.html, figures, metrics.json)."""
@@ -220,7 +221,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                 children.start(name, PACKAGES[name], arguments)
             run.wait("starting", lambda: not client.missing, 120.0, lambda: client.missing)
             run.enable(30.0)
-            run.pause("measuring the load", 2.0)
+            run.pause("measuring the payload", MEASURING)
             run.call("/trajectory_publisher/start", 10.0)
             run.wait(
                 "moving to the start", lambda: client.trajectory_times is not None, 5.0, client.phase_text
@@ -241,7 +242,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
                 (end - start) * 1e-9 + 10.0,
                 client.phase_text,
             )
-            run.pause("settling", 1.5)
+            run.pause("settling", SETTLING)
             run.stop()
         except (KeyboardInterrupt, ControlError):
             run.make_safe()

@@ -62,7 +62,7 @@ Writes DIR/bag (/payload and /setpoint, MCAP) and DIR/comparison.json. The same 
 EPILOG = """\
 examples:
   cspr rerun runs/latest                                          how closely the recording is reproduced
-  cspr rerun runs/latest --set mass_estimator.time_constant=0.2   a quicker filter
+  cspr rerun runs/latest --set mass_estimator.time_constant=0.2   a faster filter
   cspr rerun runs/latest --set feedforward.model=static --set feedforward.payload_source=nominal
   cspr rerun runs/latest --nodes feedforward                      with the estimates as they were recorded
   cspr rerun runs/latest --payload /simulation/payload            with the true mass, as in: cspr demo --exact-mass"""

@@ -46,7 +46,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    robot = Robot.from_yaml(options.robot)
+    robot = Robot.from_yaml(options.robot, "name the robot's file with --robot FILE")
     smallest, largest = options.payload
     task = Task(smallest, largest, options.center_of_mass, options.acceleration, options.angular_acceleration)
     _check_positions(options, robot)

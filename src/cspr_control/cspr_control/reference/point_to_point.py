@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspr_control.errors import TrajectoryError
 from cspr_control.reference.quintic import quintic, quintic_duration
 from cspr_kinematics import Acceleration, Motion, Pose, Twist
 
@@ -29,11 +27,6 @@ class MotionLimits:
     acceleration: float
     angular_speed: float
     angular_acceleration: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise TrajectoryError(f"motion limit {name} is {value}; it must be finite and more than zero")
 
 
 class PointToPoint:

@@ -1,7 +1,7 @@
 """The payload estimator and the feed-forward re-run over what was recorded, sample by sample.
 
 The components of the control graph, fed in the order and at the times at which the messages arrived. Nothing here
-depends on the machine's clock or load: the same recording gives the same numbers.
+depends on the computer's clock or load: the same recording gives the same numbers.
 """
 
 from __future__ import annotations

@@ -9,7 +9,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.errors import SettingError
 from cspr_control.supervision.debounce import Debounce
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
@@ -110,18 +109,6 @@ class SupervisionLimits:
     enable_timeout: float
     stop_timeout: float
     drive_timeout: float
-
-    def __post_init__(self) -> None:
-        others = ("max_ages", "workspace_min", "workspace_max")
-        values = {name: value for name, value in vars(self).items() if name not in others}
-        values |= {f"largest age of {source.value}": age for source, age in self.max_ages.items()}
-        for name, value in values.items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise SettingError(f"{name} is {value}; it must be finite and not negative")
-        if self.tension_min >= self.tension_max:
-            raise SettingError(
-                f"tension_min, {self.tension_min} N, must be below tension_max, {self.tension_max} N"
-            )
 
 
 class SupervisionChecks:
@@ -261,8 +248,8 @@ class SupervisionChecks:
         cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))
         if cable is not None:
             detail = (
-                f"cable_{cable + 1} shows {tensions[cable]:z.0f} N, the torque of its motor is that of "
-                f"{torque_tensions[cable]:z.0f} N; difference allowed {limits.tension_difference:g} N"
+                f"cable_{cable + 1} shows {tensions[cable]:z.0f} N, the torque of its motor corresponds to "
+                f"{torque_tensions[cable]:z.0f} N; allowed difference {limits.tension_difference:g} N"
             )
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
         source = MonitoredInput.CABLE_TENSIONS

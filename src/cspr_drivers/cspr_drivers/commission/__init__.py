@@ -1,1 +1,1 @@
-"""Commissioning a new machine: what is found out about it, step by step, and written into `can.yaml`."""
+"""Commissioning a new robot: what is found out about it, step by step, and written into `can.yaml`."""

@@ -1,4 +1,4 @@
-"""What has been found out about a machine so far, kept in a file so that the walk can be resumed."""
+"""What has been found out about a robot so far, kept in a file so that commissioning can be resumed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of the person at the machine, and how the answers are understood."""
+"""The questions to the person at the robot, and how the answers are understood."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _T = TypeVar("_T")
 
 
 class WalkStoppedError(DriverError):
-    """The operator has ended the walk; what was found out until then is kept."""
+    """The operator has ended the commissioning; what was found out until then is kept."""
 
 
 class Operator:

@@ -1,4 +1,4 @@
-"""Walk through a new machine in a terminal, winch by winch, and write its can.yaml; without ROS."""
+"""Commission a new robot in a terminal, winch by winch, and write its can.yaml; without ROS."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import program_parser, run_program
 
 DESCRIPTION = """\
-Walk through a new machine, winch by winch and load cell by load cell, and write what is found into can.yaml.
+Commission a new robot, winch by winch and load cell by load cell, and write what is found into can.yaml.
 
   1 find the nodes on the bus          5 tare
   2 which drive turns which winch,     6 calibration with dead weights,
@@ -42,7 +42,7 @@ examples:
   cspr commission                          config/can.yaml, from the repository's root
   cspr commission --torque 0.2             up to 20 % of the rated torque, for stiff winches
   cspr commission --answers answers.yaml   without a person: an answer for each key; one that is missing is named
-  cspr commission --restart                forget what an earlier walk has found"""
+  cspr commission --restart                forget what was found before"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def commission(
     config: Path, robot: Path, operator: Operator, torque: float, restart: bool = False
 ) -> Findings:
-    """Walk through the machine and write its configuration; return what was found.
+    """Commission the robot and write its configuration; return what was found.
 
     Parameters
     ----------
@@ -82,14 +82,14 @@ def commission(
     torque
         Largest torque, in units of the rated torque of the motors.
     restart
-        Whether findings of an earlier walk are forgotten.
+        Whether earlier findings are forgotten.
 
     Raises
     ------
     DriverError
         In one line: what is wrong, and where. What was found until then is kept.
     """
-    can = CanConfig.from_yaml(config)
+    can = CanConfig.from_yaml(config, "name its directory with --config DIR")
     kept = FindingsFile(config.with_name(config.name + ".commission"))
     if restart:
         kept.remove()
@@ -116,7 +116,7 @@ def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator
     operator.tell(f"8. {path}")
     changes = difference(old, new, path)
     if not changes:
-        operator.tell("   nothing changes: the machine is what the file says")
+        operator.tell("   nothing changes: the file describes the robot as it is")
     else:
         operator.tell(changes)
         if not operator.yes("write", "   Write it?"):
@@ -175,7 +175,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--answers", type=Path, help="YAML file with an answer for each key, in place of a person"
     )
-    parser.add_argument("--restart", action="store_true", help="forget what an earlier walk has found")
+    parser.add_argument("--restart", action="store_true", help="forget what was found before")
     options = parser.parse_args(arguments)
     if not 0.01 <= options.torque <= 0.5:
         parser.error("--torque must be from 0.01 to 0.5")

@@ -1,4 +1,4 @@
-"""The walk through a new machine: step by step, each result kept at once, so that it can be resumed."""
+"""The commissioning of a new robot: step by step, each result kept at once, so that it can be resumed."""
 
 from __future__ import annotations
 

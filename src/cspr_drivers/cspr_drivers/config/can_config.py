@@ -52,7 +52,7 @@ class DeviceConfig(Generic[Units]):
     units
         Scale and sign of its counts and torques, or scale and zero of its tensions.
     identity
-        What its identity object must hold; `None` before the machine is commissioned.
+        What its identity object must hold; `None` before the robot is commissioned.
     """
 
     name: str
@@ -103,8 +103,8 @@ class CanConfig(CanValues):
     pdo: PdoConfig
 
     @staticmethod
-    def from_yaml(path: str | Path) -> CanConfig:
-        """Read and validate a configuration file.
+    def from_yaml(path: str | Path, remedy: str = "") -> CanConfig:
+        """Read and validate a configuration file; `remedy` says how the user names another one.
 
         Raises
         ------
@@ -112,7 +112,7 @@ class CanConfig(CanValues):
             If the file cannot be read, or a key is missing, unknown, or has a value that is not allowed.
         """
         with as_configuration_error():
-            return _config(read_yaml(path), str(path))
+            return _config(read_yaml(path, remedy), str(path))
 
     @staticmethod
     def from_text(text: str, source: str) -> CanConfig:

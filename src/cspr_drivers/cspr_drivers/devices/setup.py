@@ -187,5 +187,5 @@ def _require_no_torque(device: CanopenDevice) -> None:
     state = cia402.decode_state(word)
     if state in _POWERED:
         raise DeviceError(
-            device.name, f"is in {state.value} and not set up: that waits until it has come to rest"
+            device.name, f"is in {state.value} and not yet set up: this waits until it is at rest"
         )

@@ -26,7 +26,7 @@ class SetupThread:
         Names of the devices, for messages.
     configure
         Configures the device of an index; raises `DeviceError` when that fails; what else it raises is a defect, which
-        is told as well and comes with its traceback on stderr. Called in this thread.
+        is reported as well and comes with its traceback on stderr. Called in this thread.
     allowed
         Whether devices may be configured now.
     report
@@ -101,7 +101,7 @@ class SetupThread:
             request = self._requests[index]
         try:
             self._configure(index)
-        except Exception as error:  # also a defect, so that it is told and the other devices are set up
+        except Exception as error:  # also a defect, so that it is reported and the other devices are set up
             problem = error.problem if isinstance(error, DeviceError) else f"{type(error).__name__}: {error}"
             with self._lock:
                 self._problems[index] = problem

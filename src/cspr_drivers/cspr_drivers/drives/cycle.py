@@ -169,7 +169,7 @@ class DriveCycle:
         self.group.emergency_stop(index, facts.emergency_stop, now)
 
     def lost(self, now: float, index: int, reason: str) -> None:
-        """Note that a drive is lost; when it comes back it may have forgotten what it was told."""
+        """Note that a drive is lost; when it comes back it may have forgotten its settings."""
         self.group.lost(index, reason, now)
         self._rpdos[index].control_word = None
 

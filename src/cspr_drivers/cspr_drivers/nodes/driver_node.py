@@ -166,7 +166,7 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         name
             Of the service, of type ``std_srvs/srv/Trigger``.
         act
-            What the driver is told.
+            Passes the command to the driver.
         needs_active
             Whether the command arms something.
         """
@@ -231,4 +231,4 @@ class DriverNode(LifecycleNode, Generic[_Master]):
 
 def load_config(node: Node) -> CanConfig:
     """Return the configuration that the node's parameter ``can_config`` names."""
-    return CanConfig.from_yaml(Path(declare(node, CAN_CONFIG)))
+    return CanConfig.from_yaml(Path(declare(node, CAN_CONFIG)), "name can.yaml with -p can_config:=PATH")

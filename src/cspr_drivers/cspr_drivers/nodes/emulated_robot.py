@@ -1,6 +1,6 @@
 """Executable ``emulated_robot``: the emulated devices and their plant on the buses of `can.yaml`, without drivers.
 
-For drivers in another process, on SocketCAN: ``drivers`` cannot tell it from a real machine.
+For drivers in another process, on SocketCAN: ``drivers`` cannot tell it from a real robot.
 """
 
 from __future__ import annotations

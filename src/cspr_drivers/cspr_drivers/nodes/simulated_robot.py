@@ -131,7 +131,7 @@ class SimulatedRobot(Node):
     def _clear_faults(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._emulator.faults.clear()
         response.success = True
-        response.message = "all injected faults are gone; what is latched stays latched"
+        response.message = "all injected faults are removed; latched faults stay latched"
         self.get_logger().info(response.message)
         return response
 

@@ -50,7 +50,7 @@ class InjectedFault(Enum):
     LOAD_CELL_SILENT = "load_cell_silent", "its amplifier is unplugged"
     LOAD_CELL_SATURATED = "load_cell_saturated", "its amplifier reports overload"
     LOAD_CELL_STUCK = "load_cell_stuck", "its value no longer changes"
-    LOAD_CELL_DRIFTING = "load_cell_drifting", f"its zero drifts by {_DRIFT:g} N a second"
+    LOAD_CELL_DRIFTING = "load_cell_drifting", f"its zero drifts by {_DRIFT:g} N per second"
     CABLE_SLACK = "cable_slack", f"{1e3 * _SLACK:g} mm of cable slip off the drum"
     BUS_CUT = "bus_cut", "its cable is cut: no frame passes"
     BUS_OFF = "bus_off", "the driver's controller goes off the bus"

@@ -196,7 +196,7 @@ def _require_one_for_each_cable(file: _File, number_of_cables: int, source: str)
     for section in ("true_values", "load_cells"):
         for key, value in vars(getattr(file, section)).items():
             if isinstance(value, list) and len(value) != number_of_cables:
-                problem = f"has {len(value)} elements where {number_of_cables} must stand, one for each cable"
+                problem = f"has {len(value)} elements where {number_of_cables} are needed, one for each cable"
                 raise ConfigurationFileError(source, f"{section}.{key}", value, problem)
 
 

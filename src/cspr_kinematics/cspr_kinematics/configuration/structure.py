@@ -94,7 +94,7 @@ def _check(kind: Any, value: object, source: str, key: str) -> None:
         if not isinstance(value, list | tuple):
             reason = "must be a list of texts" if inner[0] is str else "must be a list"
         elif origin is tuple and Ellipsis not in inner and len(value) != len(inner):
-            reason = f"has {len(value)} elements where {len(inner)} must stand"
+            reason = f"has {len(value)} elements where {len(inner)} are needed"
         elif not value and getattr(type_info(kind), "min_length", None):
             reason = "must be a list of at least one element"
         else:

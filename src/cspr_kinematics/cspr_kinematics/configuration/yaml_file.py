@@ -6,6 +6,7 @@ without aliases. `cspr_msgs_py.parameters.file` reads those the same way; a test
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MantissaNoDotYAML1_1Warning
-from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.events import AliasEvent, ScalarEvent
 from ruamel.yaml.resolver import VersionedResolver
 
 from cspr_kinematics.errors import ConfigurationFileError
@@ -21,23 +22,38 @@ from cspr_kinematics.errors import ConfigurationFileError
 warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
 
 
+_PLAIN = {  # what a text without quotes may be besides a text, as ROS has it
+    "null": r"~|null|Null|NULL|",
+    "bool": r"[yYnN]|yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF",
+    "int": r"[-+]?(0[0-7]*|0x[0-9a-fA-F]+|[1-9][0-9]*)",
+    "float": r"[-+]?((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|\.(inf|Inf|INF))|\.(nan|NaN|NAN)",
+}
+
+
 class _Resolver(VersionedResolver):
     processing_version = (1, 1)  # whatever a file says of itself
+    versioned_resolver = {  # noqa: RUF012
+        None: [
+            (f"tag:yaml.org,2002:{tag}", re.compile(f"({text})$", re.ASCII)) for tag, text in _PLAIN.items()
+        ]
+    }
 
 
 class _Composer(Composer):
     def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.parser.check_event(AliasEvent):  # a few of them can stand for more than a computer holds
-            mark = self.parser.peek_event().start_mark
-            raise ComposerError(None, None, "found an alias; write out what it stands for", mark)
-        return super().compose_node(parent, index)
+        event = self.parser.peek_event()
+        if isinstance(event, AliasEvent):  # a few of them can stand for more than a computer holds
+            problem = "found an alias; write out what it stands for"
+        elif isinstance(event, ScalarEvent) and "\0" in event.value:  # ends a text for ROS, and is in no path
+            problem = "found a NUL byte in a text"
+        else:
+            return super().compose_node(parent, index)
+        raise ComposerError(None, None, problem, event.start_mark)
 
 
 def _yaml(kind: str) -> YAML:
     yaml = YAML(typ=kind, pure=True)
-    yaml.Resolver = _Resolver
-    if kind == "safe":  # a loader; the other kind writes
-        yaml.Composer = _Composer
+    yaml.Resolver, yaml.Composer = _Resolver, _Composer
     return yaml
 
 
@@ -58,8 +74,8 @@ def read_yaml(path: str | Path, remedy: str = "") -> dict[Any, Any]:
     """
     try:
         text = Path(path).read_bytes()
-    except OSError as error:
-        problem = f"cannot be read: {error.strerror}"
+    except (OSError, ValueError) as error:  # there is no path with a NUL byte
+        problem = f"cannot be read: {getattr(error, 'strerror', error)}"
         raise ConfigurationFileError(str(path), None, None, _with(problem, remedy)) from error
     return parse_yaml(text, str(path), remedy)
 

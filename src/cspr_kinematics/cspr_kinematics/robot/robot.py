@@ -145,8 +145,15 @@ class Robot(ReadOnlyArrays):
         )
 
     @classmethod
-    def from_yaml(cls, path: str | Path) -> Robot:
+    def from_yaml(cls, path: str | Path, remedy: str = "") -> Robot:
         """Read a robot from a YAML file; `config/robot.yaml` documents the keys.
+
+        Parameters
+        ----------
+        path
+            The file.
+        remedy
+            How the user names another one, for the error about a file that is missing or is not the right one.
 
         Raises
         ------
@@ -154,9 +161,7 @@ class Robot(ReadOnlyArrays):
             If the file is missing or not YAML, and for each value that cannot be used, naming file, key
             and value.
         """
-        return cls.from_mapping(
-            read_yaml(path, "give the robot's file with -p robot_config:=PATH"), source=str(path)
-        )
+        return cls.from_mapping(read_yaml(path, remedy), source=str(path))
 
     @classmethod
     def from_mapping(cls, mapping: object, source: str = "robot description") -> Robot:

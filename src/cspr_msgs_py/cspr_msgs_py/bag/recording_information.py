@@ -1,4 +1,4 @@
-"""What a bag says about its recording: the software, the machine, the time."""
+"""What a bag says about its recording: the software, the computer, the time."""
 
 import platform
 import subprocess

@@ -146,7 +146,7 @@ class Recorder(Node):
 
     def _pause(self) -> str:
         if self._intake.paused:
-            return "the recording is paused already"
+            return "the recording is already paused"
         self._note("recording paused")
         self._intake.pause()
         self._publish_state("paused")
@@ -158,7 +158,7 @@ class Recorder(Node):
         self._intake.resume()
         self._note("recording resumed")
         self._publish_state("recording")
-        return "the recording goes on"
+        return "the recording continues"
 
     def _split(self) -> str:
         self._intake.poll()

@@ -275,7 +275,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         metavar="R",
         type=above_zero,
         default=1.0,
-        help="seconds of the bag in a second; default: 1",
+        help="seconds of the bag per second of real time; default: 1",
     )
     add("--loop", action="store_true", help="begin again at the end")
     add(
@@ -286,7 +286,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         help="begin this many seconds into the bag",
     )
     add("--topics", metavar="TOPIC", nargs="+", default=[], help="publish only these; default: all")
-    add("--paused", action="store_true", help="begin with a pause")
+    add("--paused", action="store_true", help="start paused")
     return parser.parse_args(arguments)
 
 

@@ -6,6 +6,7 @@ The dialect is that of ROS: YAML 1.1, where ``on`` is a truth value and ``010`` 
 `cspr_kinematics.configuration.yaml_file` reads all other files the same way; a test feeds both the same spellings.
 """
 
+import re
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from io import StringIO
@@ -16,13 +17,14 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, MarkedYAMLError
-from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.events import AliasEvent, ScalarEvent
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 from ruamel.yaml.resolver import VersionedResolver
 
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.table import (
     ALL_NODES,
+    NODES,
     OF_PROCESS,
     TABLE,
     known_parameter,
@@ -36,23 +38,38 @@ Heard = Mapping[str, Collection[str]]
 warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
 
 
+_PLAIN = {  # what a text without quotes may be besides a text, as ROS has it
+    "null": r"~|null|Null|NULL|",
+    "bool": r"[yYnN]|yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF",
+    "int": r"[-+]?(0[0-7]*|0x[0-9a-fA-F]+|[1-9][0-9]*)",
+    "float": r"[-+]?((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|\.(inf|Inf|INF))|\.(nan|NaN|NAN)",
+}
+
+
 class _Resolver(VersionedResolver):
     processing_version = (1, 1)  # whatever a file says of itself
+    versioned_resolver = {  # noqa: RUF012
+        None: [
+            (f"tag:yaml.org,2002:{tag}", re.compile(f"({text})$", re.ASCII)) for tag, text in _PLAIN.items()
+        ]
+    }
 
 
 class _Composer(Composer):
     def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.parser.check_event(AliasEvent):  # a few of them can stand for more than a computer holds
-            mark = self.parser.peek_event().start_mark
-            raise ComposerError(None, None, "found an alias; write out what it stands for", mark)
-        return super().compose_node(parent, index)
+        event = self.parser.peek_event()
+        if isinstance(event, AliasEvent):  # a few of them can stand for more than a computer holds
+            problem = "found an alias; write out what it stands for"
+        elif isinstance(event, ScalarEvent) and "\0" in event.value:  # ends a text for ROS, and is in no path
+            problem = "found a NUL byte in a text"
+        else:
+            return super().compose_node(parent, index)
+        raise ComposerError(None, None, problem, event.start_mark)
 
 
 def _yaml(kind: str) -> YAML:
     yaml = YAML(typ=kind, pure=True)
-    yaml.Resolver = _Resolver
-    if kind == "safe":  # a loader; the other kind writes
-        yaml.Composer = _Composer
+    yaml.Resolver, yaml.Composer = _Resolver, _Composer
     return yaml
 
 
@@ -70,7 +87,7 @@ class ParameterFile:
     ------
     ParameterError
         If the content is not that of a parameter file, something stands in it twice, or a node of ours has no such
-        parameter; nodes that are not ours are passed over.
+        parameter; nodes that are not ours are ignored.
     """
 
     def __init__(self, text: str | bytes, name: str) -> None:
@@ -96,11 +113,11 @@ class ParameterFile:
         """Read a file; raises ParameterError as the constructor does, also if it cannot be read."""
         try:
             return ParameterFile(Path(path).read_bytes(), str(path))
-        except OSError as error:
-            raise ParameterError(f"cannot read {path}: {error.strerror}") from error
+        except (OSError, ValueError) as error:  # there is no path with a NUL byte
+            raise ParameterError(f"cannot read {str(path)!r}: {getattr(error, 'strerror', error)}") from error
 
     def of(self, node: str) -> dict[str, Any]:
-        """Return the given parameters of a node by name; what is said of it alone beats what is said of all."""
+        """Return the given parameters of a node by name; its own take precedence over those of all."""
         return self._nodes.get(ALL_NODES, {}) | self._nodes.get(node, {})
 
     def values(self, node: str) -> dict[str, Any]:
@@ -152,35 +169,49 @@ class ParameterFile:
 
     def _read_nodes(self, section: MappingNode, path: str) -> None:
         for key, value in _entries(section):
-            inner = f"{path}/{key.strip('/')}".lstrip("/")
-            if key == "ros__parameters" and isinstance(value, MappingNode):
-                self._read_values(_node(path), value, "")
-            elif isinstance(value, MappingNode) and key != "ros__parameters":
-                self._read_nodes(value, inner)
-            else:
+            inner = f"{path}/{key.lstrip('/')}" if path else key
+            if not isinstance(value, MappingNode) or inner == "ros__parameters":
                 raise ParameterError(
-                    f"{self.name} is not a parameter file: {path or inner} has no ros__parameters"
+                    f"{self._place(value)}: {inner} is {_shown(value)}; parameters stand under their node, as in "
+                    "feedforward: {ros__parameters: {model: static}}"
                 )
+            if key == "ros__parameters":
+                self._read_values(_node(path), value, "")
+            else:
+                self._read_nodes(value, inner)
+
+    def _place(self, value: Node) -> str:
+        return f"{self.name}, line {value.start_mark.line + 1}"
 
     def _read_values(self, node: str, section: MappingNode, prefix: str) -> None:
         values = self._nodes.setdefault(node, {})
         for key, value in _entries(section):
-            if isinstance(value, MappingNode):
+            if isinstance(value, MappingNode) and value.value:
                 self._read_values(node, value, f"{prefix}{key}.")
                 continue
-            line = value.start_mark.line + 1
+            name, where = prefix + key, ""
             try:
-                known_parameter(node, prefix + key)
+                row = known_parameter(node, name)
+                where = f"{node}: "
+                if not value.value and not getattr(value, "style", None):  # no value for ROS; '' is one
+                    raise ParameterError(f"{name} is {_shown(value)}; give it a value, or leave it out")
+                values[name] = self._yaml.constructor.construct_document(value)
+                if row and node != ALL_NODES:  # of many nodes, each has its own type and range
+                    row.checked(values[name])
             except ParameterError as error:
-                raise ParameterError(f"{self.name}, line {line}: {error}") from error
-            self._lines[node, prefix + key] = line
-            values[prefix + key] = self._yaml.constructor.construct_document(value)
+                raise ParameterError(f"{self._place(value)}: {where}{error}") from error
+            self._lines[node, name] = value.start_mark.line + 1
 
 
 def _node(path: str) -> str:
     """Return the node's name, without name space; `ALL_NODES` for a pattern, and for none."""
     name = path.rpartition("/")[2]
     return ALL_NODES if "*" in name or not name else name
+
+
+def _shown(value: Node) -> str:
+    text = f"{value.value:.60}" if isinstance(value, ScalarNode) else "a list or mapping"
+    return text if value.value else "empty"
 
 
 def _entries(section: MappingNode) -> list[tuple[str, Node]]:
@@ -218,12 +249,12 @@ def value_from_text(node: str, name: str, text: str) -> Any:
     """
     row = known_parameter(node, name)
     if row is None:
-        raise ParameterError(f"there is no node {node}; there are {', '.join(TABLE)}")
+        raise ParameterError(f"there is no node {node}; there are {', '.join(NODES)}")
     try:
         value = _yaml("safe").load(text)
     except Exception:  # no YAML, such as "[": the check says what is needed
         value = text
-    return row.checked(value)
+    return row.checked(row.as_double(value))
 
 
 def require_heard(where: str, node: str, name: str, heard: Heard) -> None:
@@ -236,7 +267,7 @@ def require_heard(where: str, node: str, name: str, heard: Heard) -> None:
     node
         Name of the node, or `ALL_NODES`: then it is enough that one takes it.
     name
-        Name of the parameter; what is not ours is passed over.
+        Name of the parameter; what is not ours is ignored.
     heard
         What the nodes that are there take.
 
@@ -254,7 +285,7 @@ def require_heard(where: str, node: str, name: str, heard: Heard) -> None:
     if takers:
         hint = f"{takers[0]} does"
     elif node == ALL_NODES:
-        hint = f"it belongs to {', '.join(each for each in TABLE if name in node_parameters(each))}"
+        hint = f"it belongs to {', '.join(each for each in NODES if name in node_parameters(each))}"
     else:
         hint = f"it takes {', '.join(each for each in node_parameters(node) if each in heard[node])}"
     raise ParameterError(f"{where}: {who} {name} here; {hint}")
@@ -287,3 +318,7 @@ def check_arguments(arguments: Sequence[str], heard: Heard | None = None) -> Non
                 raise ParameterError(f"{option} {value}: {error}") from error
             if heard is not None:
                 require_heard(f"{option} {value}", _node(path), name, heard)
+        elif option in ("-r", "--remap") and re.match(r"([^:]+:)?__(node|name):=", value):
+            raise ParameterError(
+                f"{option} {value}: other nodes find this one by its name; leave that as it is"
+            )

@@ -1,7 +1,7 @@
 """One parameter of a node, as the table of parameters has it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cspr_msgs_py.errors import ParameterError
@@ -23,7 +23,7 @@ class NodeParameter:
     meaning, unit : str
         Shown by ``ros2 param describe``.
     minimum, maximum : float or None
-        Inclusive range of a number; None for what has none.
+        Inclusive range of a number, or of each one of a list; None for what has none.
     choices : tuple of str
         The words that it may be; empty for any.
     changeable : bool
@@ -63,7 +63,7 @@ class NodeParameter:
         return f"{self.meaning}{choices}" + (f" [{self.unit}]" if self.unit else "")
 
     def in_slow_motion(self, value: float, speed: float) -> float:
-        """Return what `value` becomes when a second of the computer has `speed` seconds of the machine.
+        """Return what `value` becomes when the simulated machine runs at `speed` of real time.
 
         Raises
         ------
@@ -90,22 +90,51 @@ class NodeParameter:
         if self.is_list:
             values = None if isinstance(value, str) or not hasattr(value, "__iter__") else list(value)
             if values is None or not all(_is(self.kind, each) for each in values):
-                raise ParameterError(f"{self.name} is {value!r}; it must be a list of {_WORDS[self.kind]}s")
+                raise ParameterError(self._refused(value, f"must be a list of {_WORDS[self.kind]}s"))
+            for each in values:
+                self._require_in_range(each)
             return values
         if not _is(self.kind, value):
-            raise ParameterError(f"{self.name} is {value!r}; it must be a {_WORDS[self.kind]}")
+            raise ParameterError(self._refused(value, f"must be a {_WORDS[self.kind]}"))
         if self.choices and value not in self.choices:
-            raise ParameterError(f"{self.name} is {value!r}; it must be one of {', '.join(self.choices)}")
+            raise ParameterError(self._refused(value, f"must be one of {', '.join(self.choices)}"))
+        self._require_in_range(value)
+        return self.kind(value)
+
+    def _require_in_range(self, value: Any) -> None:
         if self.kind in (int, float):
             low = -math.inf if self.minimum is None else self.minimum
             high = math.inf if self.maximum is None else self.maximum
             if not low <= value <= high:
-                allowed = f"it must lie in [{low:g}, {high:g}] {self.unit}".rstrip()
-                raise ParameterError(f"{self.name} is {value:g}; {allowed}")
-        return self.kind(value)
+                raise ParameterError(
+                    self._refused(value, f"must lie in [{low:g}, {high:g}] {self.unit}".rstrip())
+                )
+
+    def as_double(self, value: Any) -> Any:
+        """Return a whole number as a double where that is needed, for people who need not write it as ROS does."""
+        if self.is_list and isinstance(value, list):
+            return [replace(self, default=self.kind).as_double(each) for each in value]
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        return float(value) if self.kind is float and whole and abs(value) < 2**63 else value
+
+    def _refused(self, value: Any, needed: str) -> str:
+        doubles = self.as_double(value)
+        remedy = "" if repr(doubles) == repr(value) else f"; write {shown(doubles)}"
+        return f"{self.name} is {shown(value)}; it {needed}{remedy}"
+
+
+def shown(value: Any) -> str:
+    """Return a value for an error: numbers to six digits, nothing longer than a line."""
+    if isinstance(value, list | tuple):
+        text = f"[{', '.join(shown(each) for each in value[:10])}{', ...' if len(value) > 10 else ''}]"
+    else:
+        text = repr(value)
+        if isinstance(value, float) and len(text) > 8:
+            text = f"{value:.6g}"
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _is(kind: type, value: Any) -> bool:
     if kind is float:
-        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        return isinstance(value, float) and math.isfinite(value)
     return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))

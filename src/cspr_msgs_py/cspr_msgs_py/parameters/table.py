@@ -9,7 +9,7 @@ imported, see :mod:`cspr_msgs_py.runtime.parameters` for that.
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from functools import cache, partial
 from typing import Any
 
@@ -33,7 +33,7 @@ CAN_CONFIG = _fixed("can_config", "config/can.yaml", "File that describes the CA
 CONTROL_RATE = _fixed(
     "control_rate", 250.0, "Rate of the control cycle, as the bus driver runs it", "Hz", 1.0, 2000.0
 )
-MOTOR = _fixed("motor", 1, "Motor to control, counted from 1", "", 1)
+MOTOR = _fixed("motor", 1, "Motor to control, counted from 1", "", 1, 127)
 SETPOINT_TIMEOUT = _fixed(
     "setpoint_timeout", 0.1, "Age at which a set-point is no longer used", "s", 1e-3, 1.0, stretch=_DURATION
 )
@@ -67,10 +67,10 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         ROBOT_CONFIG,
         CONTROL_RATE,
         _live("trajectory", "paper-19", "Trajectory that the next start plays", choices=tuple(TrajectoryName)),
-        _live("move_position", list, "Where move leads, in base; the home pose by default", "m"),
+        _live("move_position", list, "Target position of move, in base; the home pose's by default", "m"),
         _live("move_orientation", list,
-              "Angles alpha, beta, gamma about z, y, x that move leads to; the home pose's by default", "rad"),
-        _live("hold_duration", 10.0, "How long hold lasts", "s", 0.0, 1e6),
+              "Target angles alpha, beta, gamma of move, about z, y, x; the home pose's by default", "rad"),
+        _live("hold_duration", 10.0, "Duration of hold", "s", 0.0, 1e6),
         _live("blend_time", 1.0, "Time from rest to full pace of the smooth trajectories", "s", 1e-3, 60.0),
         _live("speed", 0.2, "Speed limit of approach and move", "m/s", 1e-3, 10.0),
         _live("acceleration", 0.3, "Acceleration limit of approach and move", "m/s^2", 1e-3, 100.0),
@@ -78,15 +78,15 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("angular_acceleration", 0.4, "Angular acceleration limit of approach and move", "rad/s^2", 1e-3, 100.0),
         _fixed("dwell", 1.0, "Rest at the start of a trajectory before it begins", "s", 0.0, 60.0),
         _fixed("stop_time", 0.5, "Time to come to rest along the path", "s", 0.01, 10.0),
-        _fixed("max_gap", 0.1, "Longest time without motor states after which a trajectory still goes on", "s", 0.01,
+        _fixed("max_gap", 0.1, "Longest gap in the motor states after which a trajectory still continues", "s", 0.01,
                10.0, stretch=_DURATION),
     ),
     "feedforward": (
         ROBOT_CONFIG,
-        _live("model", "dynamic", "What the torque anticipates", choices=tuple(FeedforwardModel)),
-        _live("payload_source", "estimated", "Payload counted on", choices=tuple(PayloadSource)),
+        _live("model", "dynamic", "Model of the feed-forward torque", choices=tuple(FeedforwardModel)),
+        _live("payload_source", "estimated", "Which payload is used", choices=tuple(PayloadSource)),
         _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
-        _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m"),
+        _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m", -10.0, 10.0),
         _MAX_PAYLOAD,
         _live("payload_timeout", 0.5, "Age from which an estimate counts as stale", "s", 1e-3, 60.0,
               stretch=_DURATION),
@@ -125,16 +125,16 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "supervisor": (
         ROBOT_CONFIG,
-        _limit("following_error", 12.0, "Largest difference of desired and measured motor angle", "rad"),
+        _limit("following_error", 12.0, "Largest difference between desired and measured motor angle", "rad"),
         _limit("following_error_time", 0.05, "How long it may be exceeded", "s"),
-        _limit("starting_error", 2.0, "Largest such difference with which the robot may be enabled", "rad"),
+        _limit("starting_error", 2.0, "Largest such difference at which the robot may be enabled", "rad"),
         _limit("tension_min_time", 0.5, "How long a tension may be below tension_min of the robot", "s"),
         _limit("tension_max_time", 0.1, "How long a tension may be above tension_max of the robot", "s"),
         _limit("motor_speed_time", 0.02, "How long a motor may be faster than speed_limit of the robot", "s"),
         _limit("workspace_margin", 0.05, "How far the platform may leave the workspace of the robot", "m"),
-        _limit("tension_difference", 250.0, "Largest difference of a load cell and the torque of its motor", "N"),
+        _limit("tension_difference", 250.0, "Largest difference between a load cell and the torque of its motor", "N"),
         _limit("tension_difference_time", 1.0, "How long it may be exceeded", "s"),
-        _limit("stuck_time", 1.0, "How long a load cell may show the very same value", "s"),
+        _limit("stuck_time", 1.0, "How long a load cell may show exactly the same value", "s"),
         _limit("enable_timeout", 5.0, "Time for the drives to become enabled", "s"),
         _limit("stop_timeout", 3.0, "Time for the trajectory to come to rest", "s"),
         _limit("drive_timeout", 5.0, "Time for the drives to become disabled or reset", "s"),
@@ -146,7 +146,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "robot_markers": (
         ROBOT_CONFIG,
-        _fixed("trail", 20.0, "How much of the path that the platform has followed is shown", "s", 1.0, 600.0,
+        _fixed("trail", 20.0, "How much of the path behind the platform is shown", "s", 1.0, 600.0,
                stretch=_DURATION),
     ),
     "can_drives": (
@@ -158,34 +158,46 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     "load_cells": (
         CAN_CONFIG,
         AUTOSTART,
-        _fixed("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0),
+        _fixed("tare_limit", 100.0, "Largest tension of a cable that may be tared as slack", "N", 0.0, 1e4),
     ),
     "simulated_robot": (
         CAN_CONFIG,
         _fixed("simulation_config", "config/simulation.yaml", "File with the true values of the simulated machine"),
-        _fixed("speed", 1.0, "Seconds of the machine in a second of the computer; below 1 for a slow computer", "",
+        _fixed("speed", 1.0, "Simulated seconds per second of the computer; below 1 for a slow computer", "",
                0.01, 1.0),
         _fixed("bus_timing", False,
-               "Whether frames take as long as on a real bus, at the cost of some more computing time"),
+               "Whether frames take as long as on a real bus, at the cost of more computing time"),
         _live("fault", "",
               "What ~/inject_fault injects, and where, as in 'drive_silent motor_3'; refusals list the faults"),
     ),
     "recorder": (
         _fixed("output", "", "Directory of the bag, which must not exist yet; runs/<UTC time>/bag if empty"),
-        _fixed("topics", [""], "Topics to record besides /events; all, those that appear later too, if empty"),
+        _fixed("topics", [""], "Topics to record besides /events; if empty, all, including those that appear later"),
         _fixed("attach", [""], "Files to keep inside the bag; config/*.yaml if empty"),
         _fixed("compression", "zstd", "Of the bag", choices=("zstd", "lz4", "none")),
-        _fixed("split_size", 0.0, "Go on in a new file at this size, 0 for never", "MB", 0.0),
-        _fixed("split_duration", 0.0, "Go on in a new file after this time, 0 for never", "s", 0.0),
-        _fixed("nice", 5, "Nice level of taking and writing messages", "", 0, 19),
-        _fixed("control_rate", 250.0, "Noted in the bag", "Hz", 0.0),
+        _fixed("split_size", 0.0, "Continue in a new file at this size, 0 for never", "MB", 0.0, 1e6),
+        _fixed("split_duration", 0.0, "Continue in a new file after this time, 0 for never", "s", 0.0, 1e6),
+        _fixed("nice", 5, "Nice level of the threads that receive and write", "", 0, 19),
+        replace(CONTROL_RATE, meaning="Rate of the control cycle, noted in the bag"),
         _live("mark_text", "", "Text of the next mark, which ~/mark makes; a mark always has a number"),
     ),
 }  # fmt: skip
-"""The parameters of each node; every node has those of its process besides."""
+"""The parameters of each node; every node also has those of its process."""
+
+NODES = tuple(node.replace("_K", "_1") for node in TABLE)
+"""The nodes' names, with one motor controller for all."""
 
 OF_PROCESS = (CPU.name, REALTIME_PRIORITY.name)
 """Parameters that say how a process runs, not what its nodes do."""
+
+_TAKEN_FOR_NODES = {
+    "control": "motor_control_gains",
+    "drivers": "can_drives",
+    "emulated_robot": "simulated_robot",
+    "payload_estimator": "mass_estimator",
+    "feed_forward": "feedforward",
+}
+"""Names of programs and of what nodes do, and the nodes that they may be meant for."""
 
 _WITHOUT_PRIORITY = ("recorder", "robot_markers")  # the control loop comes first
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -199,11 +211,36 @@ def node_parameters(node: str) -> Mapping[str, NodeParameter]:
     """
     if node == ALL_NODES:
         return {name: row for each in TABLE for name, row in node_parameters(each).items()}
-    key = re.sub(r"^motor_controller_\d+$", "motor_controller_K", node)
+    key = re.sub(r"^motor_controller_[1-9]\d*$", "motor_controller_K", node)
     if key not in TABLE:
         return {}
     process = (CPU,) if node in _WITHOUT_PRIORITY else (CPU, REALTIME_PRIORITY)
     return {parameter.name: parameter for parameter in (*TABLE[key], *process)}
+
+
+def _meant_node(name: str) -> str | None:
+    """Return the node of ours that a name, which is none of theirs, was probably meant for.
+
+    It was, if it is almost one of them, or made of parts of their words alone. Other nodes have a word of their own.
+    """
+    ours = {node: node for node in NODES} | _TAKEN_FOR_NODES
+    words = re.findall("[a-z]+", name.lower())
+    shared = {
+        node: {word for word in words if any(_is_part(word, whole) for whole in node.split("_"))}
+        for node in ours
+    }
+    of_our_words = words and set(words) == set().union(*shared.values())
+    if not of_our_words and not get_close_matches(name.lower(), ours, n=1, cutoff=0.8):
+        return None
+    nearest = max(
+        ours, key=lambda node: (len(shared[node]), SequenceMatcher(None, name.lower(), node).ratio())
+    )
+    number = re.search(r"[1-9]\d*$", name)
+    return re.sub("^motor_controller(_1)?$", f"motor_controller_{number[0] if number else 1}", ours[nearest])
+
+
+def _is_part(word: str, whole: str) -> bool:
+    return (len(word) >= 3 and whole.startswith(word)) or SequenceMatcher(None, word, whole).ratio() >= 0.8
 
 
 class ParameterValues(dict[str, Any]):
@@ -222,7 +259,7 @@ def defaults(node: str) -> dict[str, Any]:
 def parameter_values(node: str, *given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the value of each parameter of a node of ours: the default, or the last one given.
 
-    Other names are passed over: what is said of all nodes serves many.
+    Other names are ignored: what is given to all nodes is for many.
 
     Raises
     ------
@@ -257,9 +294,9 @@ def known_parameter(node: str, name: str) -> NodeParameter | None:
         If a node of ours has no such parameter, or the node's name is almost that of one; says what was probably meant.
     """
     everywhere, known = node_parameters(ALL_NODES), node_parameters(node)
-    if not known:
-        if close := get_close_matches(node.lower(), TABLE, n=1, cutoff=0.8):
-            raise ParameterError(f"there is no node {node}; did you mean {close[0]}?")
+    if not known or node.endswith("_K"):
+        if meant := _meant_node(node):
+            raise ParameterError(f"there is no node {node}; did you mean {meant}?")
         return None
     if name in known or name.startswith(_OF_ROS):
         return known.get(name)
@@ -269,7 +306,7 @@ def known_parameter(node: str, name: str) -> NodeParameter | None:
     if elsewhere == near != []:
         hint = f"; did you mean {near[0]}?"
     elif elsewhere:
-        hint = f"; {next(each for each in TABLE if elsewhere[0] in node_parameters(each))} has {elsewhere[0]}"
+        hint = f"; {next(each for each in NODES if elsewhere[0] in node_parameters(each))} has {elsewhere[0]}"
     raise ParameterError(
         f"{'no node has a' if node == ALL_NODES else f'{node} has no'} parameter {name!r}{hint}"
     )

@@ -44,8 +44,8 @@ def declare(node: Node, row: NodeParameter, default: Any = None) -> Any:
         ).value
         row.checked(value)
     except ParameterException as error:
-        integer_for_double = row.kind is float and "'INTEGER'" in str(error)
-        hint = "; a double is written with a decimal point: 5.0" if integer_for_double else ""
+        integer_for_double = row.kind is float and "'INTEGER" in str(error)
+        hint = "; a double is written with a decimal point: write 2.0 for 2" if integer_for_double else ""
         raise StartError(f"parameter {row.name}: {error}{hint}") from error
     except ParameterError as error:
         raise StartError(f"parameter {error}") from error

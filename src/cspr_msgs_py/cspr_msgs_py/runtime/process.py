@@ -66,7 +66,7 @@ def run_nodes(
         Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
         All have the parameter ``cpu``, which binds the process to one CPU.
     asked_before : mapping
-        Parameters of nodes that are there only until the factory has asked for them.
+        Parameters of nodes that exist only until the factory has read them.
 
     Returns
     -------
@@ -269,7 +269,7 @@ def sample_publisher(node: Node, topic: Topic, number_of_motors: int = 0) -> Cal
 def subscribe_samples(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
     """Subscribe to a topic that does not depend on the robot; the callback receives its samples.
 
-    What cannot be read is told in the log and passed over.
+    Messages that cannot be read are logged and skipped.
     """
     decode = topic_codec(topic, 0).decode
 

@@ -168,7 +168,7 @@ class Frame:
         matching = np.ones(len(records), dtype=bool)
         for offset, constant in self._places:
             equal = records[:, offset : offset + len(constant)] == constant
-            if not equal.all():  # which is rare, and much quicker asked of all than of each
+            if not equal.all():  # which is rare, and much faster to check for all than for each
                 matching &= equal.all(axis=1)
         return matching
 

@@ -92,10 +92,10 @@ def _model_tensions(run: RunAnalysis) -> Figure | None:
 
 
 def payload_change(run: RunAnalysis) -> tuple[MassChange, NDArray[np.int64], Floats] | None:
-    """Return the data of Fig. 10: the first change of the load, times (n,) in ns, and the models' deviation (n, 1).
+    """Return the data of Fig. 10: the first payload change, times (n,) in ns, and the models' deviation (n, 1).
 
     As in the paper, only while the platform accelerates: after that there is no deviation to compare. None if
-    the load does not change, or only later.
+    the payload does not change, or only later.
     """
     if run.predicted is None or run.metrics.mass is None or not run.metrics.mass.changes:
         return None

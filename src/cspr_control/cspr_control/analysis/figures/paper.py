@@ -108,7 +108,7 @@ def tension_figure(
         When the payload changes, s, and how, such as ``+100 kg``.
     """
     above = (dynamic, title, "tension, N")
-    below = (dynamic - static, "Deviation, dynamic less static model", "tension, N")
+    below = (dynamic - static, "Deviation, dynamic minus static model", "tension, N")
     return two_panels(time, above, below, changes=changes)
 
 
@@ -129,7 +129,7 @@ def deviation_figure(statistics: Mapping[str, ErrorStatistics]) -> Figure:
 
 
 def payload_change_figure(
-    time: Floats, deviation: Floats, change_time: float, cable: int = 1, unit_change: str = "the load changes"
+    time: Floats, deviation: Floats, change_time: float, cable: int = 1, unit_change: str = "payload changes"
 ) -> Figure:
     """Fig. 10: one cable's deviation between the models before and after the payload changes.
 
@@ -149,7 +149,7 @@ def payload_change_figure(
     figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     left.plot(time, deviation, color=COLOURS[0])
-    left.set(xlabel="time, s", ylabel="tension, N", title=f"Cable {cable}: dynamic less static model")
+    left.set(xlabel="time, s", ylabel="tension, N", title=f"Cable {cable}: dynamic minus static model")
     mark_times(left, {change_time: unit_change})
     before, after = (
         ErrorStatistics.of(deviation[part, None]) for part in (time < change_time, time >= change_time)

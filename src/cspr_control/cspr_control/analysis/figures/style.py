@@ -46,7 +46,7 @@ _STYLE: Final[Mapping[str, Any]] = {
     "figure.dpi": 100,
     "savefig.dpi": 160,
     "font.size": 9.0,
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same picture on every machine
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same picture on every computer
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",

@@ -65,7 +65,7 @@ def motor_errors(states: JointStates, setpoints: JointStates) -> MotorErrors:
     ahead = (stamps - setpoints.time_ns[match]) * 1e-9
     valid = (match >= 0) & (ahead <= LONGEST_CARRY)
     if not valid.any():
-        raise ControlError("no motor state has a set-point of its time: no errors of the motors")
+        raise ControlError("no motor state has a set-point of the same time: no errors of the motors")
     match, ahead = match[valid], ahead[valid]
     demanded = setpoints.position[match] + setpoints.velocity[match] * ahead[:, None]
     return MotorErrors(

@@ -371,7 +371,7 @@ function buildCharts(page) {
     })).filter((panel) => panel.bars.length),
   );
   bars(
-    { id: "payload-change", title: "Deviation before and after the load changes, cable 1", unit: "tension, N", axis: "",
+    { id: "payload-change", title: "Deviation before and after the payload changes, cable 1", unit: "tension, N", axis: "",
       note: "Fig. 10: while the platform accelerates; delta is before minus after." },
     runs.filter((run) => run.change).map((run) => ({
       title: `${run.title}: ${run.change.text}`, clusters: ["maximum", "median", "RMS"], legend: true,

@@ -81,9 +81,9 @@ class DriveEmulator(EmulatedNode):
     warning
         Whether the drive warns of something (bit 7 of the status word).
     mode_is_lost, runs_away, blocked
-        Injected faults, to be followed by `apply_faults`: the drive has left its mode of operation by itself and
+        Injected faults, to be followed by `apply_faults`: the drive has left its mode of operation on its own and
         keeps the torque that it had; in operation it applies this share of its torque, positive to pay out, whatever
-        it is told; the brake holds although the drive says that it is open.
+        the command; the brake holds although the drive says that it is open.
     """
 
     def __init__(

@@ -209,7 +209,7 @@ class Plant:
         """Integrate to a time (s since the plant was made) with the inputs as they are; earlier times do nothing.
 
         The time is met exactly, in equal steps of at most the configured length: what encoders sense belongs to
-        the moment at which it is asked for.
+        the requested moment.
 
         Raises
         ------
