@@ -7,6 +7,7 @@ import os
 import types
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -211,23 +212,27 @@ def test_a_node_uses_what_it_is_given(holding: Held, name: str, row: NodeParamet
 # In simulated time
 
 
+@functools.cache
+def shipped() -> tuple[Robot, ParameterFile, str]:
+    """Return the robot, control.yaml, and the settings that these make."""
+    robot, parameters = Robot.from_yaml(ROOT / "config" / "robot.yaml"), ParameterFile.from_yaml(CONTROL_FILE)
+    return robot, parameters, repr(control_settings(robot, parameters))
+
+
 @pytest.mark.parametrize(("name", "row"), ROWS)
 @pytest.mark.parametrize("how", ["changed", "in the file"])
 def test_simulated_time_uses_or_refuses_what_it_is_given(name: str, row: NodeParameter, how: str) -> None:
-    robot = Robot.from_yaml(ROOT / "config" / "robot.yaml")
-    plain = ParameterFile.from_yaml(CONTROL_FILE)
+    robot, plain, usual = shipped()
     node, value = name.replace("_K", "_3"), another(row)
     refusal, used = "", False
     try:
         if how == "changed":
-            given = ParameterFile.from_yaml(CONTROL_FILE)
+            given = deepcopy(plain)
             given.change(node, {row.name: value})
         else:
             given = ParameterFile(f"{node}:\n  ros__parameters: {{{row.name}: {value!r}}}", "mine.yaml")
         settings = control_settings(robot, given)
-        used = repr(settings) != repr(control_settings(robot, plain)) or robot_file(given) != robot_file(
-            plain
-        )
+        used = repr(settings) != usual or robot_file(given) != robot_file(plain)
     except (ParameterError, ControlError) as error:
         refusal = str(error)
     if refusal:
@@ -239,12 +244,12 @@ def test_simulated_time_uses_or_refuses_what_it_is_given(name: str, row: NodePar
 
 @pytest.mark.parametrize("name", ["robot_config", "control_rate", "kp", "setpoint_timeout", "max_payload"])
 def test_simulated_time_uses_what_is_given_to_all(name: str) -> None:
-    robot, plain = Robot.from_yaml(ROOT / "config" / "robot.yaml"), ParameterFile.from_yaml(CONTROL_FILE)
-    given = ParameterFile.from_yaml(CONTROL_FILE)
+    robot, plain, usual = shipped()
+    given = deepcopy(plain)
     row = next(row for rows in TABLE.values() for row in rows if row.name == name)
     given.change(ALL_NODES, {name: another(row)})
     settings = control_settings(robot, given)
-    assert repr(settings) != repr(control_settings(robot, plain)) or robot_file(given) != robot_file(plain)
+    assert repr(settings) != usual or robot_file(given) != robot_file(plain)
 
 
 def test_the_set_point_timeout_of_one_motor_is_that_motor_s() -> None:

@@ -163,7 +163,11 @@ class ForwardKinematicsError(KinematicsError):
 
 
 def _shown(value: object) -> str:
-    """Return `value` as short text on one line, so that a node can report the error in one."""
+    """Return `value` as short text on one line, so that a node can report the error in one; numbers to six digits."""
+    if isinstance(value, float) and len(repr(value)) > 8:
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value[:10]))}{', ...' if len(value) > 10 else ''}]"[:200]
     if type(value) is np.ndarray:
         return " ".join(
             np.array2string(value, precision=6, threshold=32, edgeitems=2, separator=", ").split()

@@ -1,4 +1,11 @@
-"""Exceptions of this package."""
+"""Exceptions of this package, and how long the text of one may be."""
+
+import re
+
+
+def shortened(text: str) -> str:
+    """Return the text of an error without the rest of a word that is longer than paths are: it hides what is said."""
+    return re.sub(r"\S{201,}", lambda word: f"{word[0][:100]}...", text)
 
 
 class MessagesError(Exception):

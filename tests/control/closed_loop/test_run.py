@@ -51,6 +51,18 @@ def test_a_planned_fault_stops_the_robot_and_is_named(recorded):
     assert states[-1] == "fault"
 
 
+def test_the_example_of_the_document_reads_a_bag(recorded):
+    text = (CONFIG.parent / "docs" / "operation.md").read_text(encoding="utf-8")
+    section = text.partition("\n## Reading a bag\n")[2].partition("\n## ")[0]
+    code = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    "))
+    assert "runs/latest/bag" in code
+    read = {}
+    exec(code.replace("runs/latest/bag", str(recorded[0][1])), read)
+    assert read["states"].position.shape == (len(read["states"].time), 8)
+    assert list(read["texts"])[-1] == "fault"
+    assert read["marks"] is None
+
+
 @pytest.mark.parametrize("devices", [True, False])
 def test_the_analysis_of_the_bag_says_what_the_record_says(tmp_path, devices):
     scenario = replace(

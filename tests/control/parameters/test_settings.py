@@ -4,7 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from cspr_control.closed_loop.scenario import Scenario
+from cspr_control.demo.scenario import Scenario as DemoScenario
+from cspr_control.errors import ControlError, SettingError
 from cspr_control.motors.feedforward import FeedforwardSettings
+from cspr_control.parameters.experiment import Experiment
 from cspr_control.parameters.settings import (
     NoticedValues,
     estimator_settings,
@@ -57,3 +61,34 @@ def test_the_table_names_what_can_be_chosen() -> None:
         row = known_parameter(node, name)
         assert row is not None
         assert row.choices == tuple(words)
+
+
+@pytest.mark.parametrize("choice", [Scenario(), DemoScenario()], ids=["simulated time", "demo"])
+@pytest.mark.parametrize(
+    ("node", "name", "file"),
+    [
+        ("can_drives", "can_config", "config/can_two_buses.yaml"),
+        ("load_cells", "can_config", "other.yaml"),
+        ("simulated_robot", "simulation_config", "config/mine.yaml"),
+        ("/**", "can_config", "other.yaml"),
+    ],
+)
+def test_a_simulated_run_refuses_other_files_for_the_machine(
+    choice: Experiment, node: str, name: str, file: str
+) -> None:
+    parameters = ParameterFile(f"{node}: {{ros__parameters: {{{name}: {file}}}}}", "mine.yaml")
+    with pytest.raises(SettingError, match=rf"mine\.yaml: {name} of \w+ is {file}; here it is .*--config"):
+        choice.choose(parameters)
+    choice.choose(ParameterFile("can_drives: {ros__parameters: {can_config: my/can.yaml}}", "mine.yaml"))
+
+
+def test_no_latency_is_a_latency() -> None:
+    assert Scenario(latency=0.0).reaction_time == 0.0
+    assert Scenario().reaction_time > 0.0
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 10**20])
+def test_a_seed_that_simulation_yaml_may_not_have_is_refused(seed: int) -> None:
+    with pytest.raises(ControlError, match=r"the seed is .* \[0, 4294967295\]"):
+        Scenario(seed=seed)
+    Scenario(seed=2**32 - 1)

@@ -36,7 +36,7 @@ def test_the_two_shipped_files_differ_by_their_pulleys(robot_file: Path, robot_w
 @pytest.mark.parametrize(
     ("pulleys", "key", "reason"),
     [
-        ({"radius": -0.05}, "pulleys.radius", "must not be negative"),
+        ({"radius": -0.05}, "pulleys.radius", r"must lie in \[0, 10\]"),
         ({"radius": [0.05] * 7}, "pulleys.radius", "7 of them for 8 cables"),
         ({"radius": float("nan")}, "pulleys.radius", "finite"),
         ({"radius": "big"}, "pulleys.radius", "must be a finite number"),

@@ -22,7 +22,7 @@ def test_lists_every_program_and_imports_none() -> None:
     code = (
         "import sys\nfrom cspr_msgs_py.programs.cspr import main\nassert main(['--help']) == 0\n"
         "loaded = {name for name in sys.modules if name.startswith(('cspr_', 'numpy', 'rclpy'))}\n"
-        "own = {'', '.programs', '.programs.cspr', '.programs.command_line'}\n"
+        "own = {'', '.errors', '.programs', '.programs.cspr', '.programs.command_line'}\n"
         "assert loaded == {f'cspr_msgs_py{name}' for name in own}, loaded\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -126,6 +126,9 @@ def test_parser_teaches_and_takes_a_file(capsys: pytest.CaptureFixture[str]) -> 
     assert "Measure\n  something." in text
     assert "examples:\n  cspr measure\n\nexit status: 0 done, " in text
     assert not hasattr(program_parser("replay", "", "").parse_args([]), "json")
+    with pytest.raises(SystemExit):
+        parser.parse_args(["x" * 3000])
+    assert capsys.readouterr().err.endswith(f"unrecognized arguments: {'x' * 100}...\n")
 
 
 @pytest.mark.parametrize(
@@ -133,6 +136,7 @@ def test_parser_teaches_and_takes_a_file(capsys: pytest.CaptureFixture[str]) -> 
     [
         (KeyboardInterrupt(), 130, "measure: interrupted; nothing was written"),
         (KeyError("speed"), 1, "measure: 'speed'"),
+        (KeyError(f"no {'x' * 3000} here"), 1, f"measure: 'no {'x' * 100}... here'"),
         (OSError(28, "No space left on device", "out.json"), 1, "out.json: No space left on device"),
     ],
 )

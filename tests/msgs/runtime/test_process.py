@@ -223,6 +223,21 @@ def test_a_wrong_parameter_is_one_line() -> None:
     assert output.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ("worker:gain:=[]", "worker: parameter gain is []; it must be a finite number"),
+        ("worker:limits:=[]", "worker: parameter limits is []; leave it out for the default"),
+        (f"worker:gain:={'x' * 3000}", f"Trying to set parameter 'gain' to '{'x' * 99}... of type 'STRING'"),
+    ],
+)
+def test_a_value_is_repeated_as_it_was_given_and_no_longer_than_it_helps(given: str, line: str) -> None:
+    status, output = Program("run", "--ros-args", "-p", given).end()
+    assert status == 1
+    assert line in output
+    assert len(output) < 400
+
+
 def test_a_parameter_file_that_is_not_there() -> None:
     status, output = Program("run", "--ros-args", "--params-file", "missing.yaml").end()
     assert status == 1

@@ -12,7 +12,7 @@ import numpy as np
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import Experiment
 from cspr_drivers.simulation.fault_injection import InjectedFault
-from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_drivers.simulation.simulation_config import LARGEST_SEED, SimulationConfig
 from cspr_kinematics import Payload, Pulleys
 from cspr_msgs_py.bag.bag_file import Attachment
 from cspr_msgs_py.parameters.file import ParameterFile
@@ -79,13 +79,17 @@ class Scenario(Experiment):
     speed: float = 1.0
 
     def __post_init__(self) -> None:
+        if self.seed is not None and not 0 <= self.seed <= LARGEST_SEED:
+            raise ControlError(f"the seed is {self.seed:.6g}; it must lie in [0, {LARGEST_SEED}]")
         if self.faults and not self.devices:
             raise ControlError("faults need devices that can have them: run the scenario with devices")
 
     @property
     def reaction_time(self) -> float:
         """From the motor states to the arrival of the torques at the driver, s."""
-        return self.latency or (_LATENCY if self.devices else _LATENCY_WITH_BUS)
+        if self.latency is not None:
+            return self.latency
+        return _LATENCY if self.devices else _LATENCY_WITH_BUS
 
     def read_parameters(self) -> ParameterFile:
         """Read control.yaml, with what is otherwise in this run."""

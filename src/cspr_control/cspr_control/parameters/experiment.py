@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import NamedTuple
 
+from cspr_control.errors import SettingError
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.vocabulary import Controller, PayloadSource, TrajectoryName, controller_label
+
+_FILES = {"can_config": "can.yaml", "simulation_config": "simulation.yaml"}
 
 MEASURING = 2.0
 """How long the load is measured before the trajectory begins, s."""
@@ -60,7 +64,21 @@ class Experiment:
             yield added.time, mass
 
     def choose(self, parameters: ParameterFile) -> None:
-        """Let parameters of the control nodes be those of the controller and the trajectory."""
+        """Let parameters of the control nodes be those of the controller and the trajectory.
+
+        Raises
+        ------
+        SettingError
+            If the file names other files for the machine than those that a simulated run takes.
+        """
+        for node in ("can_drives", "load_cells", "simulated_robot"):
+            for name, file in _FILES.items():
+                given = parameters.of(node).get(name, file)
+                if PurePath(str(given)).name != file:
+                    raise SettingError(
+                        f"{parameters.name}: {name} of {node} is {given}; here it is {file} in the directory of the "
+                        "configuration: leave the parameter out, and give that directory with --config"
+                    )
         # the truth comes over the same path as the estimate would
         source = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
         parameters.change("feedforward", {"model": str(self.controller.model), "payload_source": str(source)})

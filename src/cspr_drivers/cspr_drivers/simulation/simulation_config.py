@@ -23,6 +23,8 @@ from cspr_kinematics.configuration.yaml_file import read_yaml
 from cspr_kinematics.errors import ConfigurationFileError
 from cspr_kinematics.robot.robot_description import PulleysEntry
 
+LARGEST_SEED = 2**32 - 1
+
 
 @dataclass(frozen=True)
 class CableProperties:
@@ -108,7 +110,7 @@ class SimulationValues:
     load_cells: LoadCellProperties
     # the fastest mode, the platform turning on its cables, is near 100 Hz
     time_step: Annotated[float, Meta(gt=0.0, le=2e-3, description="or the cables are not integrated stably")]
-    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)]
+    seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
 
 
 @dataclass(frozen=True, kw_only=True)

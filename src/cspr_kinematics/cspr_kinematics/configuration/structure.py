@@ -175,6 +175,8 @@ def _is_finite(value: float) -> bool:
 
 
 def _bound(info: FloatType, value: float) -> str:
+    if info.ge is not None and info.le is not None:
+        return f"lie in [{info.ge:g}, {info.le:g}]"
     if info.gt is not None and value <= info.gt:
         return f"be greater than {info.gt:g}" if info.gt else "be positive"
     if info.ge is not None and value < info.ge:

@@ -109,9 +109,11 @@ def home_lengths(
     try:
         return path_lengths(geometry, home)
     except CableReachError as error:
-        raise InvalidInputError(
-            "home", home.position, f"cable {error.cable} has no length at this pose; {error.fault}"
-        ) from error
+        reason = f"cable {error.cable} has no length at home; {error.fault}"
+        if pulleys is None or not pulleys.radius.any():
+            raise InvalidInputError("home", home.position, reason) from error
+        home_lengths(exits, anchors, home)  # what is wrong without pulleys is not their fault
+        raise InvalidInputError("pulleys.radius", pulleys.radius, reason) from error
 
 
 def checked_points(name: str, value: ArrayLike) -> FloatArray:

@@ -8,8 +8,6 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from cspr_kinematics.configuration.structure import (
-    NotNegative,
-    Positive,
     Text,
     Vector,
     located,
@@ -21,24 +19,31 @@ from cspr_kinematics.robot.pulleys import UPWARDS, Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
 from cspr_kinematics.robot.winch import Motor, Winch
 
-Points = Annotated[list[Vector], Meta(min_length=1)]
+# What robots on cables have, with a wide margin: a slip of the keyboard lies outside.
+Coordinate = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Points = Annotated[list[Point], Meta(min_length=1)]
+Radius = Annotated[float, Meta(ge=0.0, le=10.0)]
+Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
+Moment = Annotated[float, Meta(ge=-1e8, le=1e8)]
+Moments = tuple[Moment, Moment, Moment]
 
 
 @dataclass(frozen=True)
 class PlatformEntry:
     """The platform without payload: mass in kg, centre of mass in m, inertia about it in kg m^2."""
 
-    mass: Positive
-    center_of_mass: Vector
-    inertia: tuple[Vector, Vector, Vector]
+    mass: Annotated[float, Meta(ge=1e-3, le=1e6)]
+    center_of_mass: Point
+    inertia: tuple[Moments, Moments, Moments]
 
 
 @dataclass(frozen=True)
 class WinchEntry:
     """The winches' transmission: radius of the drum in m, motor turns per drum turn."""
 
-    drum_radius: Positive
-    gear_ratio: Positive
+    drum_radius: Annotated[float, Meta(ge=1e-3, le=10.0)]
+    gear_ratio: Annotated[float, Meta(ge=0.01, le=1e4)]
 
     @property
     def transmission_ratio(self) -> float:
@@ -50,15 +55,15 @@ class WinchEntry:
 class HomeEntry:
     """The pose at which all motor angles are zero: position in m, angles about z, y, x in rad."""
 
-    position: Vector
-    euler: Vector
+    position: Point
+    euler: tuple[Angle, Angle, Angle]
 
 
 @dataclass(frozen=True)
 class PulleysEntry:
     """The pulleys at the exit points: radius in m and swivel axis in base, for all cables or one for each."""
 
-    radius: NotNegative | list[NotNegative]
+    radius: Radius | list[Radius]
     swivel_axis: tuple[float | Vector, ...] = UPWARDS
 
     def pulleys(self, number_of_cables: int, source: str, key: str) -> Pulleys:
@@ -83,17 +88,17 @@ class RobotDescription:
     name: Text
     exit_points: Points
     anchor_points: Points
-    frame_size: Vector
+    frame_size: Point
     platform: PlatformEntry
-    platform_size: Vector
+    platform_size: Point
     winch: WinchEntry
     motor: Motor
-    tension_min: NotNegative
-    tension_max: Positive
+    tension_min: Annotated[float, Meta(ge=0.0, le=1e7)]
+    tension_max: Annotated[float, Meta(ge=1e-3, le=1e7)]
     home: HomeEntry
-    workspace_min: Vector
-    workspace_max: Vector
-    trajectory_center: Vector
+    workspace_min: Point
+    workspace_max: Point
+    trajectory_center: Point
     pulleys: PulleysEntry | None = None
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import ArrayLike
 
 from cspr_kinematics.arrays import (
@@ -15,7 +17,6 @@ from cspr_kinematics.arrays import (
     non_negative_number,
     positive_number,
 )
-from cspr_kinematics.configuration.structure import NotNegative, Positive
 from cspr_kinematics.errors import InvalidInputError
 
 
@@ -106,11 +107,11 @@ class Motor:
         If a value is not finite, inertia or a limit is not positive, or friction is negative.
     """
 
-    inertia: Positive
-    torque_limit: Positive
-    speed_limit: Positive
-    coulomb_friction: NotNegative
-    viscous_friction: NotNegative
+    inertia: Annotated[float, Meta(ge=1e-9, le=1e3)]
+    torque_limit: Annotated[float, Meta(ge=1e-3, le=1e6)]
+    speed_limit: Annotated[float, Meta(ge=0.1, le=1e5)]
+    coulomb_friction: Annotated[float, Meta(ge=0.0, le=1e5)]
+    viscous_friction: Annotated[float, Meta(ge=0.0, le=1e3)]
 
     def __post_init__(self) -> None:
         for name in ("inertia", "torque_limit", "speed_limit"):

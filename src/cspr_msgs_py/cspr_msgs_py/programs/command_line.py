@@ -8,9 +8,17 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
+
+from cspr_msgs_py.errors import shortened
 
 EXIT_STATUS = "exit status: 0 done, 1 not done, for the reason on stderr, 2 wrong arguments, 130 interrupted"
 _CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE has ended
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        super().error(shortened(message))
 
 
 def program_parser(
@@ -28,7 +36,7 @@ def program_parser(
         What ``--json FILE`` writes, for a program that measures; `options.json` is then the file or None, see
         :func:`cspr_msgs_py.json_file.write_json`.
     """
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog=f"cspr {name}",
         description=description,
         epilog=f"{epilog}\n\n{exit_status}",
@@ -89,9 +97,7 @@ def run_program(
             return body() or 0
         finally:
             sys.stdout.flush()
-    except (
-        BrokenPipeError
-    ):  # `| head` has read enough; what is left in the buffer must not be an error either
+    except BrokenPipeError:  # `| head` has read enough; what is left in the buffer must not be an error
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _CLOSED_PIPE
     except KeyboardInterrupt:
@@ -104,7 +110,7 @@ def run_program(
             f"cannot read or write {error.filename}: {error.strerror}" if error.filename else str(error),
         )
     show_progress("")
-    print(f"{name}: {text}", file=sys.stderr)
+    print(f"{name}: {shortened(text)}", file=sys.stderr)
     return status
 
 

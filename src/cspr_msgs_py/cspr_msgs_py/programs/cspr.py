@@ -14,6 +14,7 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 
+from cspr_msgs_py.errors import shortened
 from cspr_msgs_py.programs.command_line import run_program
 
 GROUP = "cspr.programs"
@@ -34,7 +35,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     if name not in programs:
         near = difflib.get_close_matches(name, programs, 1, 0.5)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(programs))}"
-        print(f"cspr: there is no program {name!r}; {hint}", file=sys.stderr)
+        print(f"cspr: there is no program {shortened(repr(name))}; {hint}", file=sys.stderr)
         return 2
     sys.argv = [f"cspr {name}", *words[1:]]  # the program reads its arguments as if it were started alone
     try:

@@ -42,6 +42,9 @@ def declare(node: Node, row: NodeParameter, default: Any = None) -> Any:
         value = node.declare_parameter(
             row.name, row.default if default is None else default, descriptor
         ).value
+        if value is None:  # what ROS makes of an empty list
+            row.checked([])
+            raise ParameterError(f"{row.name} is []; leave it out for the default")
         row.checked(value)
     except ParameterException as error:
         integer_for_double = row.kind is float and "'INTEGER" in str(error)

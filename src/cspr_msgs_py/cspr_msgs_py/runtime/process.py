@@ -24,7 +24,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from cspr_msgs_py.errors import MessageError, NodeError, ParameterError
+from cspr_msgs_py.errors import MessageError, NodeError, ParameterError, shortened
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.parameters.file import Heard, check_arguments
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
@@ -226,7 +226,7 @@ def _report(name: str, error: Exception) -> int:
     deliberate = kind.__module__ != "builtins" or isinstance(error, OSError)
     if not deliberate:
         traceback.print_exception(error)
-    text = " ".join(str(error).split()) or kind.__name__
+    text = shortened(" ".join(str(error).split())) or kind.__name__
     print(f"{name}: {text if deliberate else f'{kind.__name__}: {text}'}", file=sys.stderr, flush=True)
     return 1
 
