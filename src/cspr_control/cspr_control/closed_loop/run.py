@@ -50,7 +50,7 @@ def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
         require_fitting_cycle(buses, settings.control_rate)
         machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
-        machine = BarePlant(time, simulation, settings.period)
+        machine = BarePlant(time, simulation, 1.0 / settings.control_rate)
     return ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)
 
 
@@ -147,7 +147,9 @@ def _start(
         trajectory = make_trajectory(scenario.trajectory, loop.robot, present, settings.trajectory.options)
         if scenario.phase is not None:
             approach = PointToPoint(present, trajectory.sample(0.0).pose, player.limits)
-            player.dwell += (-scenario.phase - approach.duration - player.dwell) % settings.period
+            player.dwell += (-scenario.phase - approach.duration - player.dwell) % (
+                1.0 / settings.control_rate
+            )
         return trajectory
 
     loop.play(make)

@@ -20,12 +20,8 @@ _DECIDED = {
 """The parameters that an experiment itself decides, and the options that say how."""
 
 _FILES = {"can_config": "can.yaml", "simulation_config": "simulation.yaml"}
-
-MEASURING = 2.0
-"""How long the load is measured before the trajectory begins, s."""
-
-SETTLING = 1.5
-"""How long a run goes on after the end of the trajectory, or after a fault, s."""
+MEASURING = 2.0  # s for the load to be measured before the trajectory begins
+SETTLING = 1.5  # s for which a run goes on after the end of the trajectory, or after a fault
 
 TRAJECTORIES = [
     name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
