@@ -1,12 +1,19 @@
 """The programs closed_loop and faults."""
 
 import json
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("mujoco")
 
+from cspr_control.analysis.numbers.cycles import CycleMetrics
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.mass import MassMetrics
+from cspr_control.analysis.numbers.run_summary import RunSummary
+from cspr_control.analysis.recording import Window
 from cspr_control.closed_loop.fault_scenarios import SCENARIOS
 from cspr_control.closed_loop.scenario import FAULTS
 from cspr_control.programs import analyze, closed_loop, faults, rerun
@@ -55,6 +62,66 @@ def test_a_bag_of_simulated_time_is_analysed_and_rerun_alike(tmp_path, capsys):
         assert state.message == "recording"
         channels = [channel for file in bag.files for channel in file.channels.values()]
         assert all(channel.metadata["topic_type_hash"].startswith("RIHS01_") for channel in channels)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--plant", "--duration", "4"],
+        ["--duration", "4"],
+        ["--fault", "emergency_stop@1.5"],
+        ["--controller", "pdff", "--exact-mass", "--duration", "2", "--add-payload", "none"],
+    ],
+)
+def test_a_summary_is_what_the_analysis_of_the_bag_says(options, tmp_path, capsys):
+    numbers, bag = tmp_path / "said.json", tmp_path / "bag"
+    arguments = ["--config", CONFIG, "--bag", str(bag), "--json", str(numbers), *options]
+    assert closed_loop.main(arguments) == 0
+    said = json.loads(numbers.read_text(encoding="utf-8"))
+    assert (
+        analyze.main([str(bag), "--config", CONFIG, "--no-figures", "--json", str(tmp_path / "found.json")])
+        == 0
+    )
+    (found,) = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))["runs"]
+    cycle, mass, errors = found["cycle"], found["mass"], found["position_error_deg"]
+    fault = "--fault" in options
+    assert ("emergency stop" in said["cause"]) == fault
+    assert said == {
+        "controller": found["controller"].removesuffix(" (exact mass)"),
+        "exact_mass": found["controller"].endswith(" (exact mass)"),
+        "trajectory": found["trajectory"],
+        "window": found["window"],
+        "rms_position_error_deg": errors["rms"],
+        "max_position_error_deg": errors["maximum"],
+        "mean_rms_position_error_deg": pytest.approx(sum(errors["rms"]) / len(errors["rms"]), rel=1e-12),
+        "mass_true_final_kg": mass["true"],
+        "mass_estimate_final_kg": mass["estimate"],
+        "mass_settling_time_s": mass["settling"],
+        "rate_hz": cycle["rate"],
+        "cycles_window": cycle["counted"],
+        "cycles": cycle["cycles"],
+        "missed_cycles": cycle["missed"],
+        "command_latency_window": "since the drives were enabled",
+        "command_latency_us": {name: cycle[f"latency_{name}_us"] for name in ("p50", "p99", "max")},
+        "bag": found["bag"],
+        "cause": said["cause"],
+    }
+    assert (said["cycles"] is None) == ("--plant" in options)
+    if "--duration" in options:
+        assert said["window"]["end"] == pytest.approx(
+            float(options[options.index("--duration") + 1]), abs=0.05
+        )
+
+
+def test_help_names_every_key_of_the_json(capsys):
+    with pytest.raises(SystemExit):
+        closed_loop.main(["--help"])
+    text = capsys.readouterr().out
+    nothing = ErrorStatistics(*np.zeros((3, 8)))
+    mass = MassMetrics(0.0, 0.0, 0.0, 0.0, 0.0, (), None)
+    cycle = CycleMetrics.of(np.zeros(0), None, None, None, None, *3 * [math.nan])
+    keys = RunSummary("pd", False, "", Window("", 0.0, 0.0), nothing, mass, cycle).as_mapping().keys()
+    assert [key for key in keys if key not in text] == []
 
 
 def test_what_stopped_the_robot_is_said(tmp_path, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import process_time
@@ -55,7 +56,10 @@ def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
 
 
 def run(
-    scenario: Scenario, bag: Path | None = None, progress: Progress = lambda step, time: None
+    scenario: Scenario,
+    bag: Path | None = None,
+    progress: Progress = lambda step, time: None,
+    keep: bool = False,
 ) -> LoopRecord:
     """Enable the robot, let it follow the trajectory, stop it, and return what happened.
 
@@ -67,6 +71,8 @@ def run(
         Where all that is published is recorded, if anywhere; must not exist yet.
     progress
         Told of what goes on.
+    keep
+        Whether the record keeps all that was published, as an analysis needs it.
 
     Raises
     ------
@@ -82,12 +88,12 @@ def run(
         with ExitStack() as opened:
             opened.callback(loop.machine.close)
             faults = [(planned, loop.machine.faults.read(planned.fault)) for planned in scenario.faults]
-            if bag is not None:
-                opened.enter_context(recorded(bag, scenario, loop))
+            published = opened.enter_context(recorded(bag, scenario, loop)) if bag or keep else None
             _operate(loop, scenario, faults, progress)
     except DriverError as error:
         raise ClosedLoopError(str(error)) from error
-    return recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
+    record = recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
+    return replace(record, published=published if keep else None)
 
 
 def _operate(

@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 
-from cspr_control.analysis.numbers.run_summary import format_summary
+from cspr_control.analysis.numbers.run_summary import RunSummary, format_summary
+from cspr_control.analysis.recording import recording_of
+from cspr_control.analysis.run_analysis import analyse_recording
+from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
 from cspr_control.errors import ControlError
@@ -44,7 +48,8 @@ examples:
 --json FILE holds what summary.json of the demo holds, null for what was not measured:
   controller, exact_mass, trajectory, bag, cause               what was run, where it is recorded, what stopped it
   window                                                       what the numbers cover, s
-  rms_, max_, mean_rms_position_error_deg                      of each motor, and of all
+  rms_position_error_deg, max_position_error_deg               of each motor
+  mean_rms_position_error_deg                                  of all
   mass_true_final_kg, mass_estimate_final_kg, mass_settling_time_s
   rate_hz, cycles_window, cycles, missed_cycles                of the control cycle
   command_latency_window, command_latency_us                   from motor states to torques: p50, p99, max
@@ -65,10 +70,13 @@ def main(args: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     scenario = options.scenario
     record = run(
-        scenario, options.bag, lambda step, time: show_progress(f"{scenario.label}: {time:5.1f} s  {step}")
+        scenario,
+        options.bag,
+        lambda step, time: show_progress(f"{scenario.label}: {time:5.1f} s  {step}"),
+        keep=True,
     )
     show_progress("")
-    summary = record.summary(str(options.bag or ""))
+    summary = summary_of(record, str(options.bag or ""))
     print(format_summary(summary))
     print(
         f"  simulated             {record.simulated:.1f} s in {record.elapsed:.1f} s of processor time: "
@@ -78,6 +86,17 @@ def _run(options: argparse.Namespace) -> None:
         print(f"  recorded in           {options.bag}")
     if options.json is not None:
         write_json(options.json, summary.as_mapping())
+
+
+def summary_of(record: LoopRecord, bag: str = "") -> RunSummary:
+    """Return the summary of a run that kept what was published, and of its bag if there is one."""
+    assert record.published is not None  # it was asked for
+    scenario = record.scenario
+    recording = recording_of(record.published, directory=scenario.config)
+    metrics = replace(analyse_recording(recording).metrics, bag=bag)
+    return RunSummary.of(
+        metrics, controller=scenario.controller, exact_mass=scenario.exact_mass, cause=record.cause
+    )
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
