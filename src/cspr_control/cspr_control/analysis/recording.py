@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.configuration import Configuration, read_configuration
+from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_control.analysis.timeline import Span, Timeline, read_timeline
 from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.columns import Inertias, JointStates, Poses, References
 from cspr_msgs_py.bag.reader import Bag, find_bag
-from cspr_msgs_py.bag.sample_memory import SampleMemory
 from cspr_msgs_py.errors import BagError, BagWarning
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Controller, controller_label

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag
-from cspr_msgs_py.bag.sample_memory import SampleMemory
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import UNDER_WAY, DriverState, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.samples import Status

@@ -8,12 +8,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_control.closed_loop.loop import ClosedLoop
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.bag.sample_bag import SampleBag
-from cspr_msgs_py.bag.sample_memory import SampleMemory
 from cspr_msgs_py.topics import RECORDER_STATE, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import Status

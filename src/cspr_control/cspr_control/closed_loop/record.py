@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics, MassTrace, mass_metrics
+from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_msgs_py.bag.sample_memory import SampleMemory
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic
 from cspr_msgs_py.wire.joint_state import JointStateSample
 

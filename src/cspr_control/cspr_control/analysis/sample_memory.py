@@ -1,5 +1,7 @@
 """Records of the graph's topics in memory, read as those of a bag are: an analysis needs no file."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
