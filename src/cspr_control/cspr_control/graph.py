@@ -197,15 +197,15 @@ def control_graph(
     heard_instead
         See `ControlGraph`.
     """
-    m = robot.number_of_cables
+    m, period = robot.number_of_cables, 1.0 / settings.control_rate
     components = (
         *(
             MotorComponent(number, robot.motor, settings.gains, timeout)
             for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
         ),
-        TrajectoryComponent(robot, settings.trajectory, settings.period),
+        TrajectoryComponent(robot, settings.trajectory, period),
         FeedforwardComponent(robot, settings.feedforward),
-        PoseComponent(robot, settings.pose_rate, settings.period),
+        PoseComponent(robot, settings.pose_rate, period),
         PayloadComponent(robot, settings.payload),
         SupervisionComponent(m, settings.supervision),
     )

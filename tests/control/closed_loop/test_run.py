@@ -137,6 +137,16 @@ def test_payloads_come_and_go():
     assert record.mass_true[-1] == 130.0
 
 
+def test_a_payload_after_the_end_stays_away():
+    record = run(replace(SHORT, devices=False, added=(AddedPayload(50.0, 0.5), AddedPayload(50.0, 1.0))))
+    assert set(record.mass_true) == {100.0, 150.0}
+
+
+def test_a_latency_of_nothing_is_nothing():
+    assert replace(SHORT, latency=0.0).reaction_time == 0.0
+    assert replace(SHORT, latency=None).reaction_time > 0.0
+
+
 def test_a_slow_computer_sees_more_of_the_machine_in_a_second():
     """Durations count on the computer's clock: at half the speed estimates come twice as often for the machine."""
     payloads = []

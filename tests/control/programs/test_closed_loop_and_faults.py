@@ -42,12 +42,14 @@ def test_a_bag_of_simulated_time_is_analysed_and_rerun_alike(tmp_path, capsys):
     assert closed_loop.main([*arguments, "--bag", str(tmp_path / "bag")]) == 0
     assert analyze.main([str(tmp_path), "--config", CONFIG, "--no-figures"]) == 0
     assert rerun.main([str(tmp_path)]) == 0
+    assert "to the last bit" in capsys.readouterr().out
     (run,) = json.loads((tmp_path / "analysis" / "metrics.json").read_text(encoding="utf-8"))["runs"]
     compared = json.loads((tmp_path / "rerun" / "comparison.json").read_text(encoding="utf-8"))["payload"]
     assert compared["recorded_quality"] == {
         "settling_time": run["mass"]["settling"],
         "final_error": run["mass"]["estimate"] - run["mass"]["true"],
     }
+    assert compared["mass"]["maximum"] < 1e-6  # kg: also where the estimate is held
     with Bag(tmp_path / "bag") as bag:
         (state,) = bag["/recorder_state"].messages
         assert state.message == "recording"
@@ -61,7 +63,8 @@ def test_what_stopped_the_robot_is_said(tmp_path, capsys):
     assert closed_loop.main([*arguments, "--fault", "drive_silent motor_3@0.2"]) == 0
     cause = json.loads(numbers.read_text(encoding="utf-8"))["cause"]
     assert cause.startswith("drive fault: motor_3: silent")
-    assert f"not good: the robot stopped: {cause}" in capsys.readouterr().out
+    (verdict,) = [line for line in capsys.readouterr().out.splitlines() if "verdict" in line]
+    assert verdict.split(maxsplit=1)[1] == f"stopped: {cause}"
     with Bag(bag) as reader:
         lines = {(line.name, line.level, line.msg) for line in reader["/rosout"].messages}
     assert any(name == "supervisor" and level >= 30 and cause in text for name, level, text in lines)
@@ -85,10 +88,12 @@ def test_a_fault_that_was_not_asked_for_is_a_failure(planned, capsys):
         ("drive_silent motor_9@1", "'motor_9'"),
     ],
 )
-def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys, monkeypatch):
+def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("cspr_control.closed_loop.loop.ClosedLoop.begin", None)
-    assert closed_loop.main(["--config", CONFIG, "--fault", fault]) == 1
+    bag = tmp_path / "bag"
+    assert closed_loop.main(["--config", CONFIG, "--fault", fault, "--bag", str(bag)]) == 1
     assert words in capsys.readouterr().err
+    assert not bag.exists()
 
 
 @pytest.mark.parametrize(
@@ -98,9 +103,17 @@ def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys
         (["--fault", "bus_cut main@1", "--plant"], "needs devices"),
         (["--set", "feedforward.modle=static"], "did you mean model"),
         (["--set", "kp"], "NODE.NAME=VALUE"),
+        (["--set", "feedforward.model=none"], "feedforward.model is decided by --controller"),
+        (
+            ["--set", "/**.payload_source=nominal"],
+            "payload_source is decided by --controller and --exact-mass",
+        ),
+        (["--set", "trajectory_publisher.trajectory=move"], "trajectory is decided by --trajectory"),
+        (["--trajectory", "hold"], "choose from 'paper-18'"),
         (["--payload", "-3"], "not a mass"),
         (["--duration", "soon"], "not a time"),
         (["--seed", "-1"], "not a whole number"),
+        (["--seed", "4294967296"], "must lie in [0, 4294967295]"),
         (["--controller", "pid"], "(choose from 'pd', 'static'"),
     ],
 )
@@ -137,6 +150,10 @@ def test_a_configuration_that_is_not_there(program, capsys, tmp_path):
     with pytest.raises(SystemExit):
         program.main(["--config", str(tmp_path)])
     assert "robot.yaml is not there" in capsys.readouterr().err
+    (tmp_path / "robot.yaml").touch()
+    with pytest.raises(SystemExit):
+        program.main(["--config", str(tmp_path)])
+    assert "control.yaml is not there" in capsys.readouterr().err
 
 
 def test_the_table_of_faults_is_the_same_whatever_is_in_it(tmp_path, capsys):

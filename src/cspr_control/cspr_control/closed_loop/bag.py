@@ -13,7 +13,7 @@ from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.recording_information import recording_information
 from cspr_msgs_py.bag.sample_bag import SampleBag
-from cspr_msgs_py.topics import RECORDER_STATE
+from cspr_msgs_py.topics import RECORDER_STATE, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import Status
 
@@ -22,7 +22,8 @@ from cspr_msgs_py.wire.samples import Status
 def recorded(directory: Path, scenario: Scenario, loop: ClosedLoop[Any]) -> Iterator[None]:
     """Write what is published in a closed loop; the bag is complete at the end of the block.
 
-    The bag bears simulated time, and the same run gives the same bytes.
+    The bag bears simulated time, and the same run gives the same bytes. What is published at one moment is a nanosecond
+    apart, as no two messages reach a recorder at once: so every reader has them in the order in which they came about.
 
     Parameters
     ----------
@@ -43,7 +44,14 @@ def recorded(directory: Path, scenario: Scenario, loop: ClosedLoop[Any]) -> Iter
     information = recording_information(started, loop.settings.control_rate) | {"simulated": scenario.label}
     file = BagFile(directory, information, scenario.attachments(), start_ns=start)
     bag = SampleBag(file, loop.robot.number_of_cables)
-    loop.listeners.append(lambda topic, sample: bag.write(topic, time.system_ns(), sample))
+    written = start
+
+    def write(topic: Topic, sample: Any) -> None:
+        nonlocal written
+        written = max(written + 1, time.system_ns())
+        bag.write(topic, written, sample)
+
+    loop.listeners.append(write)
     recording = {"bag": directory.name, "cause": ""}  # in its own place: the bytes must not depend on that
     bag.write(RECORDER_STATE, start, Status("recorder", Level.OK, "recording", recording))
     try:

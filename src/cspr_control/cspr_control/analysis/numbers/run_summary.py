@@ -15,7 +15,7 @@ import numpy as np
 
 from cspr_control.analysis.numbers.cycles import CycleMetrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
-from cspr_control.analysis.numbers.mass import MassMetrics
+from cspr_control.analysis.numbers.mass import LEAST_TOLERANCE, MassMetrics
 from cspr_control.analysis.numbers.metrics import RunMetrics
 from cspr_control.analysis.recording import Window
 from cspr_control.errors import ControlError
@@ -127,16 +127,20 @@ class RunSummary:
 
 
 def verdict(summary: RunSummary) -> str:
-    """Return in one line whether the cycle held and the estimate found the mass, or what is wrong."""
-    faults = [f"the robot stopped: {summary.cause}"] if summary.cause else []
+    """Return in one line what stopped the robot, or whether the cycle held and the estimate found the mass."""
+    if summary.cause:
+        return f"stopped: {summary.cause}"
+    faults = []
     if summary.missed_share >= 0.005:
         faults.append(f"{summary.missed_share:.2%} of the cycles were missed (limit 0.5 %)")
     mass = summary.mass
     error = abs(mass.estimate - mass.true)
-    if error > 0.01 * max(mass.true, 1.0):
-        faults.append(f"the mass estimate ended {error:.1f} kg off (limit 1 %)")
+    if error > max(0.01 * mass.true, LEAST_TOLERANCE):
+        faults.append(
+            f"the mass estimate ended {error:.1f} kg off (limit 1 %, {LEAST_TOLERANCE:g} kg at least)"
+        )
     if mass.settling is None or mass.settling > 3.0:
-        faults.append("the mass estimate did not settle to 2 % within 3 s")
+        faults.append(f"the mass estimate did not settle to 2 % ({LEAST_TOLERANCE:g} kg at least) within 3 s")
     return "good" if not faults else "not good: " + "; ".join(faults)
 
 
