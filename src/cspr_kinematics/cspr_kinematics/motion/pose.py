@@ -159,7 +159,9 @@ class _LinearAngular(ReadOnlyArrays):
 
     def __init__(self, linear: ArrayLike, angular: ArrayLike) -> None:
         v, omega = as_floats("linear", linear, 3), as_floats("angular", angular, 3)
-        batch = broadcast_batch(linear=v.shape[:-1], angular=omega.shape[:-1])
+        batch = v.shape[:-1]
+        if omega.shape[:-1] != batch:
+            batch = broadcast_batch(linear=batch, angular=omega.shape[:-1])
         vector = np.empty((*batch, 6))
         vector[..., :3], vector[..., 3:] = v, omega
         if not is_finite(vector):
