@@ -27,7 +27,6 @@ Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs`
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from heapq import heapify, heapreplace
 from typing import Any, NamedTuple
@@ -175,13 +174,10 @@ class ControlGraph:
     def _through(self, outputs: Iterable[Output], now: float) -> list[Output]:
         """Feed publications to those that hear them; return them with all that comes of it."""
         through = list(outputs)
-        waiting = deque(through)
-        while waiting:
-            output = waiting.popleft()
-            if isinstance(output, Publication) and output.topic.name in self._routes:
-                more = self.deliver(output.topic, now, output.sample)
-                waiting += more
-                through += more
+        for output in through:  # which grows on the way
+            if isinstance(output, Publication):
+                for _, _, handle in self._routes.get(output.topic.name, ()):
+                    through += handle(now, output.sample)
         return through
 
 
@@ -201,15 +197,15 @@ def control_graph(
     heard_instead
         See `ControlGraph`.
     """
-    m = robot.number_of_cables
+    m, period = robot.number_of_cables, 1.0 / settings.control_rate
     components = (
         *(
             MotorComponent(number, robot.motor, settings.gains, timeout)
             for number, timeout in enumerate(settings.setpoint_timeouts, start=1)
         ),
-        TrajectoryComponent(robot, settings.trajectory, settings.period),
+        TrajectoryComponent(robot, settings.trajectory, period),
         FeedforwardComponent(robot, settings.feedforward),
-        PoseComponent(robot, settings.pose_rate, settings.period),
+        PoseComponent(robot, settings.pose_rate, period),
         PayloadComponent(robot, settings.payload),
         SupervisionComponent(m, settings.supervision),
     )

@@ -52,10 +52,15 @@ def checked(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:
         If the value is not numeric, not finite, or has another shape.
     """
     array = as_floats(name, value, *last_axes)
-    # takes a fifth of the time of the full test, which is needed only when the squares overflow
-    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+    if not is_finite(array):
         raise InvalidInputError(name, value, "not finite")
     return array
+
+
+def is_finite(array: FloatArray) -> bool:
+    """Return whether all numbers are finite."""
+    # takes a fifth of the time of the full test, which is needed only when the squares overflow
+    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def single(name: str, value: ArrayLike, *shape: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The one place that knows numba: compiled kernels, their cache on disk, and threads for batches."""
+"""The one place that knows numba: compiled kernels, their inputs and results, and their cache on disk."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import hashlib
 import logging
 import re
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,10 +15,9 @@ from numba import njit
 from numba.core import event
 from numpy.typing import NDArray
 
-from cspr_kinematics.arrays import FloatArray, positive_integer
+from cspr_kinematics.arrays import FloatArray
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_Result = TypeVar("_Result")
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 _PACKAGE = Path(__file__).parent
 _IMPORT = re.compile(
@@ -71,25 +69,6 @@ def in_batch(array: NDArray[_Scalar], batch: tuple[int, ...]) -> NDArray[_Scalar
     result: NDArray[_Scalar] = array[0] if alone else array.reshape(batch + array.shape[1:])
     result.setflags(write=False)
     return result
-
-
-def in_chunks(work: Callable[[int, int], _Result], count: int, threads: int, least: int = 1) -> list[_Result]:
-    """Return `work(first, after_last)` of range(count), in equal parts of at least `least` on several threads.
-
-    Kernels release the interpreter lock, so threads use as many cores. These are plain threads, because those
-    of OpenMP do not survive a fork and numba's own must not be entered twice at a time.
-
-    Raises
-    ------
-    InvalidInputError
-        If the number of threads is not a whole number, one or more.
-    """
-    threads = min(positive_integer("threads", threads), count // least)
-    if threads <= 1:
-        return [work(0, count)]
-    bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, bounds[:-1], bounds[1:]))
 
 
 @functools.cache

@@ -144,7 +144,7 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
     pose, twist, acceleration = Motion(robot, scenario.duration).at(seconds)
     cables = inverse_kinematics(robot, pose)
     angles = robot.winch.motor_angle(cable_lengths(robot, pose))
-    rates = (cables.jacobian @ np.concatenate((twist.linear, twist.angular), axis=1)[..., None])[..., 0]
+    rates = (cables.jacobian @ twist.vector[..., None])[..., 0]
     speeds = robot.winch.motor_speed(rates)
     masses = np.array([scenario.mass(t) for t in seconds])
     tensions = np.empty_like(angles)

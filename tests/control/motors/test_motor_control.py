@@ -88,8 +88,3 @@ def test_sampled_stability_limit_is_the_real_one():
         for _ in range(300):
             speed -= gain * speed / inertia * period
         assert (abs(speed) < 1.0) == stable
-
-
-def test_timeout_is_checked():
-    with pytest.raises(SettingError, match="setpoint_timeout"):
-        MotorController(MOTOR, GAINS, setpoint_timeout=0.0)

@@ -1,5 +1,6 @@
 """The settings that the parameters make, and their defaults."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ from cspr_control.parameters.settings import (
 from cspr_kinematics import Robot, bounded_methods
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.parameters.table import defaults, known_parameter
+from cspr_msgs_py.parameters.table import defaults, known_parameter, parameter_values
 from cspr_msgs_py.vocabulary import TrajectoryName
 
 
@@ -61,6 +62,28 @@ def test_the_table_names_what_can_be_chosen() -> None:
         row = known_parameter(node, name)
         assert row is not None
         assert row.choices == tuple(words)
+
+
+@pytest.mark.parametrize(
+    ("node", "name", "value"),
+    [
+        ("motor_control_gains", "kp", -1.0),
+        ("motor_control_gains", "kd", math.nan),
+        ("motor_control_gains", "friction_compensation", 1.1),
+        ("motor_control_gains", "friction_smoothing_speed", 0.0),
+        ("motor_controller_1", "setpoint_timeout", 0.0),
+        ("trajectory_publisher", "speed", 0.0),
+        ("trajectory_publisher", "stop_time", 0.0),
+        ("trajectory_publisher", "hold_duration", -1.0),
+        ("feedforward", "switch_slew", 0.0),
+        ("mass_estimator", "mass_rate_limit", math.inf),
+        ("supervisor", "tension_min_time", -1.0),
+        ("supervisor", "max_age.setpoint", 0.0),
+    ],
+)
+def test_what_no_component_can_work_with_is_refused_by_the_table(node: str, name: str, value: float) -> None:
+    with pytest.raises(ParameterError, match=name):
+        parameter_values(node, {name: value})
 
 
 @pytest.mark.parametrize("choice", [Scenario(), DemoScenario()], ids=["simulated time", "demo"])

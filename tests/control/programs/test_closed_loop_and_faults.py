@@ -1,12 +1,19 @@
 """The programs closed_loop and faults."""
 
 import json
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("mujoco")
 
+from cspr_control.analysis.numbers.cycles import CycleMetrics
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.mass import MassMetrics
+from cspr_control.analysis.numbers.run_summary import RunSummary
+from cspr_control.analysis.recording import Window
 from cspr_control.closed_loop.fault_scenarios import SCENARIOS
 from cspr_control.closed_loop.scenario import FAULTS
 from cspr_control.programs import analyze, closed_loop, faults, rerun
@@ -42,17 +49,79 @@ def test_a_bag_of_simulated_time_is_analysed_and_rerun_alike(tmp_path, capsys):
     assert closed_loop.main([*arguments, "--bag", str(tmp_path / "bag")]) == 0
     assert analyze.main([str(tmp_path), "--config", CONFIG, "--no-figures"]) == 0
     assert rerun.main([str(tmp_path)]) == 0
+    assert "to the last bit" in capsys.readouterr().out
     (run,) = json.loads((tmp_path / "analysis" / "metrics.json").read_text(encoding="utf-8"))["runs"]
     compared = json.loads((tmp_path / "rerun" / "comparison.json").read_text(encoding="utf-8"))["payload"]
     assert compared["recorded_quality"] == {
         "settling_time": run["mass"]["settling"],
         "final_error": run["mass"]["estimate"] - run["mass"]["true"],
     }
+    assert compared["mass"]["maximum"] < 1e-6  # kg: also where the estimate is held
     with Bag(tmp_path / "bag") as bag:
         (state,) = bag["/recorder_state"].messages
         assert state.message == "recording"
         channels = [channel for file in bag.files for channel in file.channels.values()]
         assert all(channel.metadata["topic_type_hash"].startswith("RIHS01_") for channel in channels)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--plant", "--duration", "4"],
+        ["--duration", "4"],
+        ["--fault", "emergency_stop@1.5"],
+        ["--controller", "pdff", "--exact-mass", "--duration", "2", "--add-payload", "none"],
+    ],
+)
+def test_a_summary_is_what_the_analysis_of_the_bag_says(options, tmp_path, capsys):
+    numbers, bag = tmp_path / "said.json", tmp_path / "bag"
+    arguments = ["--config", CONFIG, "--bag", str(bag), "--json", str(numbers), *options]
+    assert closed_loop.main(arguments) == 0
+    said = json.loads(numbers.read_text(encoding="utf-8"))
+    assert (
+        analyze.main([str(bag), "--config", CONFIG, "--no-figures", "--json", str(tmp_path / "found.json")])
+        == 0
+    )
+    (found,) = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))["runs"]
+    cycle, mass, errors = found["cycle"], found["mass"], found["position_error_deg"]
+    fault = "--fault" in options
+    assert ("emergency stop" in said["cause"]) == fault
+    assert said == {
+        "controller": found["controller"].removesuffix(" (exact mass)"),
+        "exact_mass": found["controller"].endswith(" (exact mass)"),
+        "trajectory": found["trajectory"],
+        "window": found["window"],
+        "rms_position_error_deg": errors["rms"],
+        "max_position_error_deg": errors["maximum"],
+        "mean_rms_position_error_deg": pytest.approx(sum(errors["rms"]) / len(errors["rms"]), rel=1e-12),
+        "mass_true_final_kg": mass["true"],
+        "mass_estimate_final_kg": mass["estimate"],
+        "mass_settling_time_s": mass["settling"],
+        "rate_hz": cycle["rate"],
+        "cycles_window": cycle["counted"],
+        "cycles": cycle["cycles"],
+        "missed_cycles": cycle["missed"],
+        "command_latency_window": "since the drives were enabled",
+        "command_latency_us": {name: cycle[f"latency_{name}_us"] for name in ("p50", "p99", "max")},
+        "bag": found["bag"],
+        "cause": said["cause"],
+    }
+    assert (said["cycles"] is None) == ("--plant" in options)
+    if "--duration" in options:
+        assert said["window"]["end"] == pytest.approx(
+            float(options[options.index("--duration") + 1]), abs=0.05
+        )
+
+
+def test_help_names_every_key_of_the_json(capsys):
+    with pytest.raises(SystemExit):
+        closed_loop.main(["--help"])
+    text = capsys.readouterr().out
+    nothing = ErrorStatistics(*np.zeros((3, 8)))
+    mass = MassMetrics(0.0, 0.0, 0.0, 0.0, 0.0, (), None)
+    cycle = CycleMetrics.of(np.zeros(0), None, None, None, None, *3 * [math.nan])
+    keys = RunSummary("pd", False, "", Window("", 0.0, 0.0), nothing, mass, cycle).as_mapping().keys()
+    assert [key for key in keys if key not in text] == []
 
 
 def test_what_stopped_the_robot_is_said(tmp_path, capsys):
@@ -61,7 +130,8 @@ def test_what_stopped_the_robot_is_said(tmp_path, capsys):
     assert closed_loop.main([*arguments, "--fault", "drive_silent motor_3@0.2"]) == 0
     cause = json.loads(numbers.read_text(encoding="utf-8"))["cause"]
     assert cause.startswith("drive fault: motor_3: silent")
-    assert f"not good: the robot stopped: {cause}" in capsys.readouterr().out
+    (verdict,) = [line for line in capsys.readouterr().out.splitlines() if "verdict" in line]
+    assert verdict.split(maxsplit=1)[1] == f"stopped: {cause}"
     with Bag(bag) as reader:
         lines = {(line.name, line.level, line.msg) for line in reader["/rosout"].messages}
     assert any(name == "supervisor" and level >= 30 and cause in text for name, level, text in lines)
@@ -85,10 +155,12 @@ def test_a_fault_that_was_not_asked_for_is_a_failure(planned, capsys):
         ("drive_silent motor_9@1", "'motor_9'"),
     ],
 )
-def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys, monkeypatch):
+def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("cspr_control.closed_loop.loop.ClosedLoop.begin", None)
-    assert closed_loop.main(["--config", CONFIG, "--fault", fault]) == 1
+    bag = tmp_path / "bag"
+    assert closed_loop.main(["--config", CONFIG, "--fault", fault, "--bag", str(bag)]) == 1
     assert words in capsys.readouterr().err
+    assert not bag.exists()
 
 
 @pytest.mark.parametrize(
@@ -98,9 +170,17 @@ def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys
         (["--fault", "bus_cut main@1", "--plant"], "needs devices"),
         (["--set", "feedforward.modle=static"], "did you mean model"),
         (["--set", "kp"], "NODE.NAME=VALUE"),
+        (["--set", "feedforward.model=none"], "feedforward.model is decided by --controller"),
+        (
+            ["--set", "/**.payload_source=nominal"],
+            "payload_source is decided by --controller and --exact-mass",
+        ),
+        (["--set", "trajectory_publisher.trajectory=move"], "trajectory is decided by --trajectory"),
+        (["--trajectory", "hold"], "choose from 'paper-18'"),
         (["--payload", "-3"], "not a mass"),
         (["--duration", "soon"], "not a time"),
         (["--seed", "-1"], "not a whole number"),
+        (["--seed", "4294967296"], "must lie in [0, 4294967295]"),
         (["--controller", "pid"], "(choose from 'pd', 'static'"),
     ],
 )
@@ -137,6 +217,10 @@ def test_a_configuration_that_is_not_there(program, capsys, tmp_path):
     with pytest.raises(SystemExit):
         program.main(["--config", str(tmp_path)])
     assert "robot.yaml is not there" in capsys.readouterr().err
+    (tmp_path / "robot.yaml").touch()
+    with pytest.raises(SystemExit):
+        program.main(["--config", str(tmp_path)])
+    assert "control.yaml is not there" in capsys.readouterr().err
 
 
 def test_the_table_of_faults_is_the_same_whatever_is_in_it(tmp_path, capsys):

@@ -12,7 +12,7 @@ from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.quintic import PEAK_ACCELERATION, PEAK_SPEED, quintic, quintic_integral
 from cspr_control.reference.smooth import SmoothTrajectory
-from cspr_control.reference.trajectory import Hold, require_inside_workspace
+from cspr_control.reference.trajectory import require_inside_workspace
 from cspr_kinematics import Pose
 from cspr_msgs_py.vocabulary import TrajectoryName
 
@@ -187,11 +187,6 @@ def test_a_trajectory_outside_the_workspace_is_refused(robot, limits):
     goal = Pose(robot.workspace_max + 0.1, np.eye(3))
     with pytest.raises(TrajectoryError, match="outside"):
         require_inside_workspace(PointToPoint(robot.home, goal, limits), robot)
-
-
-def test_negative_durations_are_refused(robot):
-    with pytest.raises(TrajectoryError, match="negative"):
-        Hold(robot.home, -1.0)
 
 
 def test_quintic_and_its_integral():

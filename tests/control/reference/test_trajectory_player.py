@@ -169,8 +169,3 @@ def test_start_before_the_first_sample_is_refused(robot, limits):
     player.hold(robot.home)
     with pytest.raises(TrajectoryError, match="no pose"):
         player.start(Hold(robot.home, 1.0))
-
-
-def test_settings_are_checked(limits):
-    with pytest.raises(TrajectoryError, match="stop_time"):
-        TrajectoryPlayer(limits, **{**TIMES, "stop_time": 0.0})

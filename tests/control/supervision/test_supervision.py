@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from cspr_control.errors import SettingError
 from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
 from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.supervisor import Action, Supervisor
@@ -547,5 +546,3 @@ def test_lasting_violation_is_per_member():
     assert watch.update(0.9, [True, True]) == 1
     watch.clear()
     assert watch.update(1.0, [True, True]) is None
-    with pytest.raises(SettingError):
-        Debounce(2, -1.0)

@@ -10,6 +10,7 @@ import shutil
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import can
@@ -25,6 +26,7 @@ from cspr_drivers.commission.master_heartbeat import master_heartbeat
 from cspr_drivers.commission.operator import QUESTIONS, Operator
 from cspr_drivers.commission.program import commission, main
 from cspr_drivers.commission.single_drive import SingleDrive
+from cspr_drivers.commission.walk import Walk
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice
 from cspr_drivers.drives.master import DriveMaster
@@ -38,6 +40,7 @@ ROOT = Path(__file__).parents[3]
 CHANNELS = itertools.count()
 PAY_OUT = 0.05 / 30.0  # m/rad: drum radius over gear ratio in robot.yaml
 M = 8
+QUICK = partial(Walk, hold_time=0.3, scale_way=0.5)
 
 
 class WinchBench:
@@ -224,7 +227,7 @@ class Rig:
         self.person = Person(self.bench, self.emulator.machine, wait_until)
 
     def walk(self, **options):
-        return commission(self.path, ROOT / "config" / "robot.yaml", self.person, 0.1, **options)
+        return commission(self.path, ROOT / "config" / "robot.yaml", self.person, 0.1, walk=QUICK, **options)
 
     def brakes_open(self):
         return int((~self.bench.closed).sum())
@@ -239,9 +242,7 @@ def _with_value(text, key, value):
 
 
 @pytest.fixture
-def rig(tmp_path, content, wait_until, monkeypatch):
-    monkeypatch.setattr("cspr_drivers.commission.walk.HOLD_TIME", 0.3)
-    monkeypatch.setattr("cspr_drivers.commission.walk.SCALE_WAY", 0.5)
+def rig(tmp_path, content, wait_until):
     rig = Rig(tmp_path, content, swapped(content), wait_until)
     yield rig
     rig.emulator.close()

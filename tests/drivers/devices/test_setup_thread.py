@@ -4,8 +4,7 @@ from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.errors import DeviceError
 
 
-def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until, monkeypatch):
-    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
+def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until):
     attempts = []
     problems = ["does not answer", "does not answer", "refuses", ""]
     lines = []
@@ -16,7 +15,7 @@ def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until, mon
         if problem:
             raise DeviceError("motor_1", problem)
 
-    setup = SetupThread(["motor_1"], configure, lambda: True, lines.append)
+    setup = SetupThread(["motor_1"], configure, lambda: True, lines.append, retry_interval=0.01)
     assert setup.problems == {"motor_1": "not configured yet"}
     setup.start()
     wait_until(lambda: not setup.problems)
@@ -26,11 +25,10 @@ def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until, mon
     setup.stop()
 
 
-def test_nothing_is_configured_while_it_is_not_allowed(wait_until, monkeypatch):
-    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
+def test_nothing_is_configured_while_it_is_not_allowed(wait_until):
     allowed = []
     attempts = []
-    setup = SetupThread(["motor_1"], attempts.append, lambda: bool(allowed), print)
+    setup = SetupThread(["motor_1"], attempts.append, lambda: bool(allowed), print, retry_interval=0.01)
     setup.start()
     time.sleep(0.05)
     assert attempts == []
@@ -53,8 +51,7 @@ def test_a_restart_during_configuration_asks_for_one_more_round(wait_until):
     setup.stop()
 
 
-def test_a_defect_is_told_and_the_other_devices_are_set_up(wait_until, monkeypatch, capsys):
-    monkeypatch.setattr("cspr_drivers.devices.setup_thread.RETRY_INTERVAL", 0.01)
+def test_a_defect_is_told_and_the_other_devices_are_set_up(wait_until, capsys):
     lines, attempts = [], []
 
     def configure(index):
@@ -62,7 +59,7 @@ def test_a_defect_is_told_and_the_other_devices_are_set_up(wait_until, monkeypat
         if attempts.count(0) == index + 1 < 3:
             {}["6075h"]
 
-    setup = SetupThread(["motor_1", "motor_2"], configure, lambda: True, lines.append)
+    setup = SetupThread(["motor_1", "motor_2"], configure, lambda: True, lines.append, retry_interval=0.01)
     setup.start()
     wait_until(lambda: not setup.problems)
     setup.stop()

@@ -83,6 +83,13 @@ def test_axes_of_the_batch_broadcast() -> None:
     assert twist.linear.shape == (2, 3)
 
 
+def test_a_twist_is_one_vector_too() -> None:
+    twist = Twist([[1.0, 2.0, 3.0]], [4.0, 5.0, 6.0])
+    np.testing.assert_array_equal(twist.vector, [[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]])
+    np.testing.assert_array_equal(twist.linear, [[1.0, 2.0, 3.0]])
+    np.testing.assert_array_equal(twist.angular, [[4.0, 5.0, 6.0]])
+
+
 def test_arrays_are_copies_that_cannot_be_written() -> None:
     position = np.zeros(3)
     pose = Pose(position, np.eye(3))

@@ -47,10 +47,9 @@ def test_power_of_the_motors_is_that_of_the_wrench(robot: Robot, rng: np.random.
     twist = Twist(*rng.normal(size=(2, 3)))
     cables = inverse_kinematics(robot, pose)
     tensions = rng.uniform(50.0, 3000.0, 8)
-    velocity = np.concatenate((twist.linear, twist.angular))
     torque = robot.winch.motor_torque(tensions)
-    speed = robot.winch.motor_speed(cables.jacobian @ velocity)
-    assert torque @ speed == pytest.approx((cables.wrench_matrix @ tensions) @ velocity)
+    speed = robot.winch.motor_speed(cables.jacobian @ twist.vector)
+    assert torque @ speed == pytest.approx((cables.wrench_matrix @ tensions) @ twist.vector)
 
 
 @pytest.mark.parametrize("value", [np.zeros(7), np.full(8, np.nan), "x"])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.configuration import Configuration, read_configuration
+from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_control.analysis.timeline import Span, Timeline, read_timeline
 from cspr_control.errors import ControlError
 from cspr_kinematics import Robot
@@ -122,6 +123,8 @@ class Recording:
     @cached_property
     def controller(self) -> str:
         """The controller by its name in the demo, or ``feed-forward not recorded``."""
+        if "simulated" in self.information:
+            return self.information["simulated"]
         if "controller" in self.outcome:
             return controller_label(self.outcome["controller"], bool(self.outcome.get("exact_mass")))
         entries = self.timeline.diagnostics.get("feedforward", ())
@@ -175,7 +178,7 @@ def read_recording(
             warnings.catch_warnings(record=True, action="always", category=BagWarning) as caught,
             Bag(path) as bag,
         ):
-            recording = _read(bag, path, robot_file, configuration_directory)
+            recording = recording_of(bag, robot_file, configuration_directory)
     except BagError as error:
         raise ControlError(str(error)) from error
     damage = tuple(str(warning.message) for warning in caught if issubclass(warning.category, BagWarning))
@@ -183,8 +186,11 @@ def read_recording(
     return recording
 
 
-def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Recording:
-    counts = bag.counts
+def recording_of(
+    bag: Bag | SampleMemory, robot_file: Path | None = None, directory: Path = CONFIGURATION_DIRECTORY
+) -> Recording:
+    """Return the recording in an open bag, or of samples in memory; otherwise as `read_recording`."""
+    path, counts = bag.path, bag.counts
     if not counts.get(topics.MOTOR_STATES.name):
         known = ", ".join(sorted(name for name, count in counts.items() if count)) or "nothing at all"
         raise ControlError(
@@ -247,7 +253,7 @@ def _read(bag: Bag, path: Path, robot_file: Path | None, directory: Path) -> Rec
 
 
 def _commands(
-    bag: Bag, counts: dict[str, int], states: JointStates, m: int, remarks: list[str]
+    bag: Bag | SampleMemory, counts: dict[str, int], states: JointStates, m: int, remarks: list[str]
 ) -> Floats | None:
     """Return the torque that answered each motor state: a command bears the stamp of the state it answers."""
     missing = [k for k in range(1, m + 1) if not counts.get(topics.motor_command(k).name)]

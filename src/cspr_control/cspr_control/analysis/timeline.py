@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.topics import Topic
@@ -77,7 +78,7 @@ class Timeline:
         return inside
 
 
-def read_timeline(bag: Bag, clock: Clock, end_ns: int) -> Timeline:
+def read_timeline(bag: Bag | SampleMemory, clock: Clock, end_ns: int) -> Timeline:
     """Read the status messages of a bag; topics that it lacks are left out.
 
     Parameters

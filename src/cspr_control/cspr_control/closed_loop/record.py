@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.numbers.cycles import CycleMetrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics, MassTrace, mass_metrics
-from cspr_control.analysis.numbers.run_summary import RunSummary
-from cspr_control.analysis.recording import Window
+from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic
@@ -43,6 +41,8 @@ class LoopRecord:
         How long the whole run was, s, and how much of the processor's time it took, s.
     cause
         What stopped the robot, in words; empty if nothing did.
+    published
+        All that was published, if it was to be kept.
     """
 
     scenario: Scenario
@@ -57,6 +57,7 @@ class LoopRecord:
     simulated: float
     elapsed: float
     cause: str
+    published: SampleMemory | None = None
 
     @property
     def errors(self) -> ErrorStatistics:
@@ -86,16 +87,6 @@ class LoopRecord:
         """Time from the change of the payload until the estimate is within 2 % for good, s; inf if never."""
         settled = self.mass.settling
         return np.inf if settled is None else settled
-
-    def summary(self, bag: str = "") -> RunSummary:
-        """Return what summary.json says of a run, and where the run is recorded if it is."""
-        window = Window("trajectory", float(self.time[0]), float(self.time[-1]))
-        missed = int(np.isnan(self.torque).any(axis=1).sum())
-        latencies = 3 * [self.scenario.reaction_time * 1e6]
-        cycle = CycleMetrics.of(np.diff(self.time), missed, window, len(self.time), missed, *latencies)
-        scenario = self.scenario
-        run = scenario.controller, scenario.exact_mass, scenario.trajectory.value
-        return RunSummary(*run, window, self.errors, self.mass, cycle, bag, self.cause)
 
 
 class _Cycle(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import process_time
@@ -50,12 +51,15 @@ def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
         require_fitting_cycle(buses, settings.control_rate)
         machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
-        machine = BarePlant(time, simulation, settings.period)
+        machine = BarePlant(time, simulation, 1.0 / settings.control_rate)
     return ClosedLoop(robot, settings, machine, scenario.reaction_time, scenario.exact_mass, scenario.speed)
 
 
 def run(
-    scenario: Scenario, bag: Path | None = None, progress: Progress = lambda step, time: None
+    scenario: Scenario,
+    bag: Path | None = None,
+    progress: Progress = lambda step, time: None,
+    keep: bool = False,
 ) -> LoopRecord:
     """Enable the robot, let it follow the trajectory, stop it, and return what happened.
 
@@ -67,6 +71,8 @@ def run(
         Where all that is published is recorded, if anywhere; must not exist yet.
     progress
         Told of what goes on.
+    keep
+        Whether the record keeps all that was published, as an analysis needs it.
 
     Raises
     ------
@@ -81,18 +87,23 @@ def run(
         begin = loop.time.monotonic()
         with ExitStack() as opened:
             opened.callback(loop.machine.close)
-            if bag is not None:
-                opened.enter_context(recorded(bag, scenario, loop))
-            _operate(loop, scenario, progress)
+            faults = [(planned, loop.machine.faults.read(planned.fault)) for planned in scenario.faults]
+            published = opened.enter_context(recorded(bag, scenario, loop)) if bag or keep else None
+            _operate(loop, scenario, faults, progress)
     except DriverError as error:
         raise ClosedLoopError(str(error)) from error
-    return recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
+    record = recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
+    return replace(record, published=published if keep else None)
 
 
-def _operate(loop: ClosedLoop[Any], scenario: Scenario, progress: Progress) -> None:
+def _operate(
+    loop: ClosedLoop[Any],
+    scenario: Scenario,
+    faults: Sequence[tuple[PlannedFault, FaultOrder]],
+    progress: Progress,
+) -> None:
     """Do what an operator does, from switching on to switching off."""
     begin = loop.time.monotonic()
-    faults = [(planned, loop.machine.faults.read(planned.fault)) for planned in scenario.faults]
     first = min((planned.time for planned in scenario.faults), default=math.inf)
 
     def pause(step: str, duration: float, done: Callable[[], bool] = lambda: False) -> bool:
@@ -142,16 +153,19 @@ def _start(
         trajectory = make_trajectory(scenario.trajectory, loop.robot, present, settings.trajectory.options)
         if scenario.phase is not None:
             approach = PointToPoint(present, trajectory.sample(0.0).pose, player.limits)
-            player.dwell += (-scenario.phase - approach.duration - player.dwell) % settings.period
+            player.dwell += (-scenario.phase - approach.duration - player.dwell) % (
+                1.0 / settings.control_rate
+            )
         return trajectory
 
     loop.play(make)
-    for time, mass in scenario.loads():
-        stamp = player.start_time + round(time * 1e9)
-        loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
     lasts = (player.end_time - player.start_time) * 1e-9
     if scenario.duration is not None:
         lasts = min(lasts, scenario.duration)
+    for time, mass in scenario.loads():
+        if time < lasts:
+            stamp = player.start_time + round(time * 1e9)
+            loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
     for planned, order in faults:
         if planned.time > lasts + SETTLING:
             raise ClosedLoopError(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cspr_control.errors import ControlError
-from cspr_control.parameters.experiment import Experiment
+from cspr_control.parameters.experiment import Experiment, require_undecided
 from cspr_drivers.simulation.fault_injection import InjectedFault
 from cspr_drivers.simulation.simulation_config import LARGEST_SEED, SimulationConfig
 from cspr_kinematics import Payload, Pulleys
@@ -47,9 +47,11 @@ class Scenario(Experiment):
     seed
         Of the noise; that of simulation.yaml if None.
     duration
-        How long the trajectory is followed before it is stopped, s; to its end if None.
+        How long the trajectory is followed before it is stopped, s; to its end if None. Payloads that would be added
+        later stay away.
     parameters
-        Parameters of the control nodes that are to be otherwise than in control.yaml, by node.
+        Parameters of the control nodes that are to be otherwise than in control.yaml, by node; none that follows from
+        controller and trajectory.
     buses
         File of the configuration that describes buses and devices.
     true_pulleys, motor_inertia_factor, conversion_time
@@ -83,6 +85,7 @@ class Scenario(Experiment):
             raise ControlError(f"the seed is {self.seed:.6g}; it must lie in [0, {LARGEST_SEED}]")
         if self.faults and not self.devices:
             raise ControlError("faults need devices that can have them: run the scenario with devices")
+        require_undecided(self.parameters)
 
     @property
     def reaction_time(self) -> float:

@@ -226,13 +226,17 @@ class PayloadEstimator:
         return self.newest
 
     def _limited(self, last: Payload, mass: float, center: NDArray[np.float64], step: float) -> Payload:
-        settings = self.settings
-        mass_step = settings.mass_rate_limit * step
-        center_step = settings.center_rate_limit * step
-        bounded_mass = min(max(mass, 0.0), settings.max_payload)
-        bounded_center = np.clip(center, -settings.max_offset, settings.max_offset)
-        published_mass = last.mass + min(max(bounded_mass - last.mass, -mass_step), mass_step)
-        published_center = last.center_of_mass[:2] + np.clip(
-            bounded_center - last.center_of_mass[:2], -center_step, center_step
-        )
-        return Payload(published_mass, np.array([*published_center, settings.payload_height]))
+        settings, offset = self.settings, self.settings.max_offset
+        mass_step, center_step = settings.mass_rate_limit * step, settings.center_rate_limit * step
+        published_mass = _moved(last.mass, mass, 0.0, settings.max_payload, mass_step)
+        published_center = [
+            _moved(before, goal, -offset, offset, center_step)
+            for before, goal in zip(last.center_of_mass[:2].tolist(), center.tolist(), strict=True)
+        ]
+        return Payload(published_mass, [*published_center, settings.payload_height])
+
+
+def _moved(before: float, goal: float, lowest: float, highest: float, step: float) -> float:
+    """Return a number moved towards its goal, or the bound before that, by no more than a step."""
+    change = min(max(goal, lowest), highest) - before
+    return before + min(max(change, -step), step)

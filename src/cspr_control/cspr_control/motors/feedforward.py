@@ -241,7 +241,7 @@ class Feedforward:
         since = 0.0 if self._torque is None else max(time - self._time, 0.0)
 
         cables = inverse_kinematics(robot, pose)  # lengths (1)-(3), Jacobian (7)
-        length_rates = cables.jacobian @ np.concatenate((twist.linear, twist.angular))  # (5), (6)
+        length_rates = cables.jacobian @ twist.vector  # (5), (6)
         if model is FeedforwardModel.DYNAMIC:
             wrench = required_wrench(robot, pose, twist, acceleration, payload)  # (8)-(13)
         else:
@@ -279,7 +279,7 @@ class Feedforward:
             self._offset = self._torque - torque
         else:
             step = self._settings.switch_slew * since
-            self._offset = self._offset - np.clip(self._offset, -step, step)
+            self._offset = self._offset - np.minimum(np.maximum(self._offset, -step), step)
         self._bridge_pending = False
         return torque + self._offset
 

@@ -11,7 +11,6 @@ from enum import Enum
 
 from cspr_control.errors import SettingError
 from cspr_kinematics import Motor
-from cspr_msgs_py.parameters.table import SETPOINT_TIMEOUT
 
 _NANOSECOND = 1e-9
 
@@ -104,13 +103,7 @@ class MotorController:
         "saturations",
     )
 
-    def __init__(
-        self, motor: Motor, gains: MotorGains, setpoint_timeout: float = SETPOINT_TIMEOUT.default
-    ) -> None:
-        if not (math.isfinite(setpoint_timeout) and setpoint_timeout > 0.0):
-            raise SettingError(
-                f"setpoint_timeout is {setpoint_timeout} s; it must be finite and more than zero"
-            )
+    def __init__(self, motor: Motor, gains: MotorGains, setpoint_timeout: float) -> None:
         self.motor = motor
         self.saturations = 0
         self.refusals = dict.fromkeys(Refusal, 0)

@@ -8,7 +8,6 @@ from typing import Any
 
 from rclpy.node import Node
 
-from cspr_control.components.component import Component
 from cspr_control.components.motor import MotorComponent
 from cspr_control.graph import ORDER
 from cspr_control.nodes.component_node import Wiring
@@ -28,7 +27,7 @@ def create_control_nodes(wiring: Wiring | None = None, **options: Any) -> Sequen
         If they do not agree on the robot, or on the rate of the control cycle.
     """
     options["wiring"] = wiring or Wiring()
-    kinds: dict[type[Component], Any] = {MotorComponent: MotorControlGains, **NODES}
+    kinds = {**NODES, MotorComponent: MotorControlGains}
     gains, *others = nodes = [kinds[component](**options) for component in ORDER]
     for name in (ROBOT_CONFIG.name, CONTROL_RATE.name):
         has = [node for node in nodes if node.has_parameter(name)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -74,7 +73,7 @@ class SupervisorNode(ComponentNode):
         self.connect(SupervisionComponent(self.robot.number_of_cables, limits))
 
 
-NODES: Mapping[type[Component], Any] = {
+NODES: dict[type[Component], Any] = {
     TrajectoryComponent: TrajectoryPublisher,
     FeedforwardComponent: FeedforwardNode,
     PoseComponent: PoseEstimatorNode,

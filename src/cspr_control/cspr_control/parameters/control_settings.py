@@ -49,11 +49,6 @@ class ControlSettings:
     payload: EstimatorSettings
     supervision: SupervisionLimits
 
-    @property
-    def period(self) -> float:
-        """Of the control cycle, s."""
-        return 1.0 / self.control_rate
-
 
 def robot_file(parameters: ParameterFile) -> str:
     """Return the name of the robot's file, which lies in the directory of the parameter file."""

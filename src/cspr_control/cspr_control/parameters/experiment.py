@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cspr_control.errors import SettingError
 from cspr_msgs_py.parameters.file import ParameterFile
+from cspr_msgs_py.parameters.table import ALL_NODES
 from cspr_msgs_py.vocabulary import Controller, PayloadSource, TrajectoryName, controller_label
 
+_DECIDED = {
+    ("feedforward", "model"): "--controller",
+    ("feedforward", "payload_source"): "--controller and --exact-mass",
+    ("trajectory_publisher", "trajectory"): "--trajectory",
+}
+"""The parameters that an experiment itself decides, and the options that say how."""
+
 _FILES = {"can_config": "can.yaml", "simulation_config": "simulation.yaml"}
-
-MEASURING = 2.0
-"""How long the load is measured before the trajectory begins, s."""
-
-SETTLING = 1.5
-"""How long a run goes on after the end of the trajectory, or after a fault, s."""
+MEASURING = 2.0  # s for the load to be measured before the trajectory begins
+SETTLING = 1.5  # s for which a run goes on after the end of the trajectory, or after a fault
 
 TRAJECTORIES = [
     name.value for name in TrajectoryName if name not in (TrajectoryName.HOLD, TrajectoryName.MOVE)
@@ -83,3 +87,10 @@ class Experiment:
         source = PayloadSource.ESTIMATED if self.exact_mass else self.controller.payload_source
         parameters.change("feedforward", {"model": str(self.controller.model), "payload_source": str(source)})
         parameters.change("trajectory_publisher", {"trajectory": self.trajectory.value})
+
+
+def require_undecided(parameters: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse parameters, by node, that an `Experiment` decides; raises SettingError naming the option to use."""
+    for (node, name), option in _DECIDED.items():
+        if any(name in parameters.get(each, {}) for each in (node, ALL_NODES)):
+            raise SettingError(f"{node}.{name} is decided by {option}: use that instead")

@@ -14,6 +14,7 @@ from cspr_msgs_py.parameters.file import value_from_text
 from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
 _DEFAULT = Experiment()
+_CONFIGURATION = ("robot.yaml", "control.yaml", "can.yaml", "simulation.yaml")
 
 
 def number(what: str, least: float, most: float = math.inf) -> Callable[[str], float]:
@@ -42,7 +43,7 @@ def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]
         node, _, parameter = name.partition(".")
         if not separator or not parameter:
             raise argparse.ArgumentTypeError(
-                f"{text!r} is not of the form NODE.NAME=VALUE, such as feedforward.model=static"
+                f"{text!r} is not of the form NODE.NAME=VALUE, such as mass_estimator.time_constant=0.2"
             )
         try:
             if nodes and node not in nodes:
@@ -84,7 +85,8 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, controllers: Any =
     add("--exact-mass", action="store_true", help="tell the feed-forward the true mass at all times")
     add(
         "--trajectory", choices=TRAJECTORIES, default=_DEFAULT.trajectory.value, metavar="NAME",
-        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s",
+        help=f"one of {', '.join(TRAJECTORIES)}; default: %(default)s (hold and move, by which a robot is "
+        "commissioned, are no tests of a controller)",
     )  # fmt: skip
     mass = number("a mass in kg, 0 or more", 0.0)
     add(
@@ -117,10 +119,11 @@ def chosen_experiment(parser: argparse.ArgumentParser, options: argparse.Namespa
 
 
 def _configuration(text: str) -> Path:
-    if not Path(text, "robot.yaml").is_file():
-        raise argparse.ArgumentTypeError(
-            f"{text}/robot.yaml is not there: start from the repository's root or name --config DIR"
-        )
+    for name in _CONFIGURATION:
+        if not Path(text, name).is_file():
+            raise argparse.ArgumentTypeError(
+                f"{text}/{name} is not there: start from the repository's root or name --config DIR"
+            )
     return Path(text)
 
 

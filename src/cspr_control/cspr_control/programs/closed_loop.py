@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 
-from cspr_control.analysis.numbers.run_summary import format_summary
+from cspr_control.analysis.numbers.run_summary import RunSummary, format_summary
+from cspr_control.analysis.recording import recording_of
+from cspr_control.analysis.run_analysis import analyse_recording
+from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
 from cspr_control.errors import ControlError
@@ -39,7 +43,16 @@ examples:
   cspr closed_loop --plant --controller static --payload 200 --add-payload none
   cspr closed_loop --set motor_control_gains.kp=4          another gain than that of control.yaml
   cspr closed_loop --fault "drive_silent motor_3@4"        what happens when a drive falls silent 4 s after the start
-  cspr closed_loop --bag runs/try/bag && cspr analyze runs/try
+  cspr closed_loop --bag runs/try/bag --json runs/try/summary.json && cspr analyze runs/try
+
+--json FILE holds what summary.json of the demo holds, null for what was not measured:
+  controller, exact_mass, trajectory, bag, cause               what was run, where it is recorded, what stopped it
+  window                                                       what the numbers cover, s
+  rms_position_error_deg, max_position_error_deg               of each motor
+  mean_rms_position_error_deg                                  of all
+  mass_true_final_kg, mass_estimate_final_kg, mass_settling_time_s
+  rate_hz, cycles_window, cycles, missed_cycles                of the control cycle
+  command_latency_window, command_latency_us                   from motor states to torques: p50, p99, max
 
 faults, each with the place that has it; `cspr faults` has these, and others of programs and commands:
 """
@@ -55,32 +68,35 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    parameters: dict[str, dict[str, object]] = {}
-    for node, name, value in options.set:
-        parameters.setdefault(node, {})[name] = value
-    scenario = Scenario(
-        **options.experiment,
-        faults=tuple(options.fault),
-        config=options.config,
-        devices=not options.plant,
-        seed=options.seed,
-        duration=options.duration,
-        parameters=parameters,
-    )
+    scenario = options.scenario
     record = run(
-        scenario, options.bag, lambda step, time: show_progress(f"{scenario.label}: {time:5.1f} s  {step}")
+        scenario,
+        options.bag,
+        lambda step, time: show_progress(f"{scenario.label}: {time:5.1f} s  {step}"),
+        keep=True,
     )
     show_progress("")
-    summary = record.summary(str(options.bag or ""))
+    summary = summary_of(record, str(options.bag or ""))
     print(format_summary(summary))
     print(
-        f"  simulated             {record.simulated:.1f} s in {record.elapsed:.1f} s, "
+        f"  simulated             {record.simulated:.1f} s in {record.elapsed:.1f} s of processor time: "
         f"{record.simulated / record.elapsed:.1f} times real time"
     )
     if options.bag:
         print(f"  recorded in           {options.bag}")
     if options.json is not None:
         write_json(options.json, summary.as_mapping())
+
+
+def summary_of(record: LoopRecord, bag: str = "") -> RunSummary:
+    """Return the summary of a run that kept what was published, and of its bag if there is one."""
+    assert record.published is not None  # it was asked for
+    scenario = record.scenario
+    recording = recording_of(record.published, directory=scenario.config)
+    metrics = replace(analyse_recording(recording).metrics, bag=bag)
+    return RunSummary.of(
+        metrics, controller=scenario.controller, exact_mass=scenario.exact_mass, cause=record.cause
+    )
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -94,7 +110,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         "--fault", type=_fault, action="append", default=[], metavar="'FAULT PLACE@S'",
         help="happens S seconds after the start of the trajectory; several; see below",
     )  # fmt: skip
-    add("--duration", type=seconds, metavar="S", help="stop the trajectory after this time; default: its end")
+    add(
+        "--duration", type=seconds, metavar="S",
+        help="stop the trajectory after this time, without what --add-payload would add later; default: its end",
+    )  # fmt: skip
     add("--plant", action="store_true", help="the plant alone, without drivers, buses and devices")
     add("--seed", type=_seed, help="of the noise; default: that of simulation.yaml")
     add(
@@ -105,7 +124,21 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.fault and options.plant:
         parser.error("--fault needs devices that can have it: leave out --plant")
-    options.experiment = chosen_experiment(parser, options)
+    parameters: dict[str, dict[str, object]] = {}
+    for node, name, value in options.set:
+        parameters.setdefault(node, {})[name] = value
+    try:
+        options.scenario = Scenario(
+            **chosen_experiment(parser, options),
+            faults=tuple(options.fault),
+            config=options.config,
+            devices=not options.plant,
+            seed=options.seed,
+            duration=options.duration,
+            parameters=parameters,
+        )
+    except ControlError as error:
+        parser.error(str(error))
     return options
 
 

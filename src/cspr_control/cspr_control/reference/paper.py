@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cspr_control.reference.quintic import quintic
 from cspr_kinematics import Motion, motion_from_euler
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 TILT = math.radians(5.0)
 """Rotation about x and about y of the tilted variant, rad."""
@@ -111,14 +112,14 @@ class PaperTrajectory:
 
 def paper_18(center: NDArray[np.float64]) -> PaperTrajectory:
     """Eq. 18: 20 s, level."""
-    return PaperTrajectory("paper-18", equation_18, 10.0, 20.0, center)
+    return PaperTrajectory(TrajectoryName.PAPER_18, equation_18, 10.0, 20.0, center)
 
 
 def paper_19(center: NDArray[np.float64]) -> PaperTrajectory:
     """Eq. 19: the distance of eq. 18 in half the time, level."""
-    return PaperTrajectory("paper-19", equation_19, 5.0, 10.0, center)
+    return PaperTrajectory(TrajectoryName.PAPER_19, equation_19, 5.0, 10.0, center)
 
 
 def paper_19_tilt(center: NDArray[np.float64]) -> PaperTrajectory:
     """Eq. 19 with 5 degrees about x and y."""
-    return PaperTrajectory("paper-19-tilt", equation_19, 5.0, 10.0, center, TILT)
+    return PaperTrajectory(TrajectoryName.PAPER_19_TILT, equation_19, 5.0, 10.0, center, TILT)

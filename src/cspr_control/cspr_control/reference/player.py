@@ -42,11 +42,6 @@ class TrajectoryPlayer:
     """
 
     def __init__(self, limits: MotionLimits, dwell: float, stop_time: float, max_gap: float) -> None:
-        if not (dwell >= 0.0 and stop_time > 0.0):
-            raise TrajectoryError(
-                f"dwell is {dwell} s and stop_time {stop_time} s; the first must not be negative, the second "
-                "must be more than zero"
-            )
         self.limits = limits
         self.dwell = dwell
         self.stop_time = stop_time

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cspr_control.reference.quintic import quintic, quintic_duration
 from cspr_kinematics import Acceleration, Motion, Pose, Twist
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,9 @@ class PointToPoint:
         Name under which the trajectory is reported.
     """
 
-    def __init__(self, start: Pose, goal: Pose, limits: MotionLimits, name: str = "move") -> None:
+    def __init__(
+        self, start: Pose, goal: Pose, limits: MotionLimits, name: str = TrajectoryName.MOVE
+    ) -> None:
         self.name = name
         self._start = start
         self._goal = goal

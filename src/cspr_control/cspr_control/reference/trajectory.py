@@ -8,6 +8,7 @@ import numpy as np
 
 from cspr_control.errors import TrajectoryError
 from cspr_kinematics import Motion, Pose, Robot
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 WORKSPACE_CHECK_POINTS = 41
 """Number of points, equally spaced in time, at which a trajectory is compared with the workspace."""
@@ -39,11 +40,9 @@ class Hold:
         Length in time, s.
     """
 
-    name = "hold"
+    name = TrajectoryName.HOLD
 
     def __init__(self, pose: Pose, duration: float) -> None:
-        if not duration >= 0.0:
-            raise TrajectoryError(f"hold: the duration is {duration} s; it must not be negative")
         self.duration = duration
         self._point = Motion.at_rest(pose)
 

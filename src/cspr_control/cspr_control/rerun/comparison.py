@@ -172,8 +172,8 @@ def _payload_lines(payload: PayloadComparison) -> list[str]:
     lines = [f"  /payload     {payload.rerun} estimates, {payload.recorded} recorded"]
     if payload.mass is not None and payload.center_of_mass is not None:
         lines.append(
-            f"    mass       differs by {payload.mass.rms:.3f} kg RMS, {payload.mass.maximum:.3f} kg at most; "
-            f"centre by {payload.center_of_mass.maximum * 1e3:.2f} mm at most"
+            f"    mass       differs by {payload.mass.rms:.2g} kg RMS, {payload.mass.maximum:.2g} kg at most; "
+            f"centre by {payload.center_of_mass.maximum * 1e3:.2g} mm at most"
         )
     for name, quality in (("recorded", payload.recorded_quality), ("re-run", payload.rerun_quality)):
         if quality is not None:
@@ -192,8 +192,8 @@ def _setpoint_lines(setpoint: SetpointComparison) -> list[str]:
     )
     return [
         *lines,
-        f"    identical  {setpoint.identical} of {setpoint.matched}{since}",
-        f"    torque     differs by {setpoint.effort.rms:.4f} N m RMS, {setpoint.effort.maximum:.4f} N m at most",
-        f"    angle      differs by {setpoint.position.maximum:.3g} rad at most, "
-        f"speed by {setpoint.velocity.maximum:.3g} rad/s",
+        f"    identical  {setpoint.identical} of {setpoint.matched} to the last bit{since}",
+        f"    torque     differs by {setpoint.effort.rms:.2g} N m RMS, {setpoint.effort.maximum:.2g} N m at most",
+        f"    angle      differs by {setpoint.position.maximum:.2g} rad at most, "
+        f"speed by {setpoint.velocity.maximum:.2g} rad/s",
     ]

@@ -132,6 +132,7 @@ class SupervisionChecks:
         self._outside_when_enabled = np.zeros(3)
         self._tensions = np.full(count, np.nan)
         self._tensions_changed = np.full(count, -math.inf)  # when each last showed another value, s
+        self._workspace_min, self._workspace_max = map(np.array, (limits.workspace_min, limits.workspace_max))
         self._watches = {
             FaultKind.FOLLOWING_ERROR: Debounce(count, limits.following_error_time),
             FaultKind.OVERSPEED: Debounce(count, limits.motor_speed_time),
@@ -262,8 +263,7 @@ class SupervisionChecks:
 
     def _way_outside(self) -> NDArray[np.float64]:
         """Return how far the platform is out of its workspace along each axis (3,), m; nan before the first pose."""
-        low, high = self._limits.workspace_min, self._limits.workspace_max
-        out = np.maximum(np.array(low) - self._position, self._position - np.array(high))
+        out = np.maximum(self._workspace_min - self._position, self._position - self._workspace_max)
         return np.asarray(np.maximum(0.0, out))
 
     def _outside(self) -> str | None:

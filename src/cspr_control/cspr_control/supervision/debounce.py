@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_control.errors import SettingError
-
 
 class Debounce:
     """Tells when a limit has been violated without a break for longer than a stated time.
@@ -23,10 +21,6 @@ class Debounce:
     """
 
     def __init__(self, count: int, allowed_time: float) -> None:
-        if not allowed_time >= 0.0:
-            raise SettingError(
-                f"the allowed time of a violation is {allowed_time} s; it must not be negative"
-            )
         self._allowed_time = allowed_time
         self._since: NDArray[np.float64] = np.full(count, np.inf)
 

@@ -74,14 +74,7 @@ def bus_loads(config: CanConfig) -> tuple[BusLoad, ...]:
 
 
 def require_fitting_cycle(config: CanConfig, control_rate: float) -> tuple[BusLoad, ...]:
-    """Return the load of each bus, of a cycle with which the driver can start.
-
-    Parameters
-    ----------
-    config
-        The CAN side.
-    control_rate
-        Rate of the control cycle that the controllers expect, Hz.
+    """Return the load of each bus, of a cycle with which controllers that expect a rate, Hz, can start.
 
     Raises
     ------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 
@@ -69,7 +69,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def commission(
-    config: Path, robot: Path, operator: Operator, torque: float, restart: bool = False
+    config: Path,
+    robot: Path,
+    operator: Operator,
+    torque: float,
+    restart: bool = False,
+    walk: Callable[..., Walk] = Walk,
 ) -> Findings:
     """Commission the robot and write its configuration; return what was found.
 
@@ -83,6 +88,8 @@ def commission(
         Largest torque, in units of the rated torque of the motors.
     restart
         Whether earlier findings are forgotten.
+    walk
+        Makes the walk.
 
     Raises
     ------
@@ -103,7 +110,7 @@ def commission(
     try:
         ports.require_no_driver(can.master_node_id, 10.0 * can.timeouts.heartbeat_producer)
         with master_heartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
-            Walk(can, ports, _transmission_ratio(robot), torque, operator, findings, kept.save).run()
+            walk(can, ports, _transmission_ratio(robot), torque, operator, findings, kept.save).run()
     finally:
         ports.close()
     _write(config, can, findings, operator, kept)

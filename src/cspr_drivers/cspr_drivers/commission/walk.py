@@ -18,10 +18,8 @@ from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice
 
 _NUDGE = 0.5  # revolutions of the motor: some 5 mm of cable
-SCALE_WAY = 2.0  # revolutions of the motor over which the cable is measured
 _SCALE_TOLERANCE = 0.1  # of the cable's way: who measures 20 mm with a rule is off by one or two
 _LARGEST_SLIP = 0.03  # rad of the motor that a closed brake may give way under a test weight
-HOLD_TIME = 2.0  # s for which it is watched
 _CLEAR_PULL = 5.0  # N by which a pull must change a reading
 
 
@@ -45,6 +43,10 @@ class Walk:
         What is known already; it is filled.
     keep
         Called whenever something new is known.
+    scale_way
+        Revolutions of the motor over which the cable is measured.
+    hold_time
+        For which a closed brake is watched under the largest test weight, s.
     """
 
     config: CanConfig
@@ -54,6 +56,8 @@ class Walk:
     ask: Operator
     findings: Findings
     keep: Callable[[Findings], None]
+    scale_way: float = 2.0
+    hold_time: float = 2.0
     _present: list[FoundDevice] = field(default_factory=list, init=False)
     _devices: dict[tuple[str, int], CanopenDevice] = field(default_factory=dict, init=False)
 
@@ -159,7 +163,7 @@ class Walk:
         """Compare the way of each cable with the one that encoder, gear and drum make it."""
         if all(winch.scale_checked for winch in self.findings.winches.values()):
             return
-        way = 1e3 * self.transmission_ratio * 2.0 * math.pi * SCALE_WAY  # mm
+        way = 1e3 * self.transmission_ratio * 2.0 * math.pi * self.scale_way  # mm
         self.ask.tell(f"3. Encoder scale. Each cable is paid out by {way:.1f} mm and taken up again.")
         for place, winch in sorted(self.findings.winches.items()):
             if not winch.scale_checked:
@@ -171,9 +175,9 @@ class Walk:
         with self._drive(winch.device) as drive:
             self.ask.done(f"mark.{place}", f"   Mark cable {place} where it can be measured.")
             begin = drive.position()
-            drive.move(winch.polarity * round(SCALE_WAY * drive.encoder_increments))
+            drive.move(winch.polarity * round(self.scale_way * drive.encoder_increments))
             moved = drive.position() - begin
-            expected = way * winch.polarity * moved / (SCALE_WAY * drive.encoder_increments)
+            expected = way * winch.polarity * moved / (self.scale_way * drive.encoder_increments)
             measured = self.ask.number(f"measured.{place}", "   By how many mm was it paid out?", -1e4, 1e4)
             drive.move(-moved)
         if abs(measured - expected) > _SCALE_TOLERANCE * abs(expected):
@@ -267,7 +271,7 @@ class Walk:
                 )
                 readings.append(single.reading())
                 if mass == heaviest:
-                    slip = max(slip, drive.slip(HOLD_TIME))
+                    slip = max(slip, drive.slip(self.hold_time))
         self.ask.done(f"taken-off.{place}", f"   Take the weights off cable {place}.")
         try:
             fit = calibrate(readings, [0.0, *masses])
@@ -280,8 +284,8 @@ class Walk:
         )
         if slip > _LARGEST_SLIP:
             raise WalkStoppedError(
-                f"winch {place}: its closed brake slips by {slip:.2f} rad in {HOLD_TIME:g} s under {heaviest:g} kg: "
-                "repair it before anything hangs on it"
+                f"winch {place}: its closed brake slips by {slip:.2f} rad in {self.hold_time:g} s under {heaviest:g} "
+                "kg: repair it before anything hangs on it"
             )
         winch.brake_holds = True
         self.ask.tell(f"   winch {place}: the brake holds {heaviest:g} kg")

@@ -14,8 +14,6 @@ from queue import Empty, SimpleQueue
 from cspr_drivers.clock import COMPUTER, Clock, Thread
 from cspr_drivers.errors import DeviceError, WrongDeviceError
 
-RETRY_INTERVAL = 1.0  # s
-
 
 class SetupThread:
     """A thread that configures the devices that need it.
@@ -33,6 +31,8 @@ class SetupThread:
         Told, in one line, of each device that fails (once per cause) and of each that is ready.
     clock
         Clock of the machine.
+    retry_interval
+        After which devices that failed are tried again, s.
     """
 
     def __init__(
@@ -42,12 +42,14 @@ class SetupThread:
         allowed: Callable[[], bool],
         report: Callable[[str], None],
         clock: Clock = COMPUTER,
+        retry_interval: float = 1.0,
     ) -> None:
         self._names = tuple(names)
         self._configure = configure
         self._allowed = allowed
         self._report = report
         self._clock = clock
+        self._retry_interval = retry_interval
         self._lock = threading.Lock()
         self._problems: dict[int, str] = dict.fromkeys(range(len(self._names)), "not configured yet")
         self._requests = [0] * len(self._names)
@@ -94,7 +96,7 @@ class SetupThread:
                 if self._allowed():
                     self._attempt(index)
             with suppress(Empty):
-                self._clock.take(self._wake, RETRY_INTERVAL if waiting else None)
+                self._clock.take(self._wake, self._retry_interval if waiting else None)
 
     def _attempt(self, index: int) -> None:
         with self._lock:

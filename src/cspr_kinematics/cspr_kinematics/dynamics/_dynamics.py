@@ -16,9 +16,8 @@ GRAVITY_Z = -9.81  # m/s^2, along z of base
 def required_wrenches(
     parameters: FloatArray,
     rotations: FloatArray,
-    angular_velocities: FloatArray,
-    linear_accelerations: FloatArray,
-    angular_accelerations: FloatArray,
+    twists: FloatArray,
+    accelerations: FloatArray,
     wrenches: FloatArray,
 ) -> None:
     """Fill in w = H [a; alpha] + C xdot - w_g, (n, 6), about the platform's origin in base axes."""
@@ -28,10 +27,9 @@ def required_wrenches(
     for n in range(rotations.shape[0]):
         Q = rotations[n]
         # gravity acts like an upward acceleration of the whole platform
-        ax, ay = linear_accelerations[n, 0], linear_accelerations[n, 1]
-        az = linear_accelerations[n, 2] - GRAVITY_Z
-        ox, oy, oz = angular_velocities[n, 0], angular_velocities[n, 1], angular_velocities[n, 2]
-        lx, ly, lz = angular_accelerations[n, 0], angular_accelerations[n, 1], angular_accelerations[n, 2]
+        ax, ay, az = accelerations[n, 0], accelerations[n, 1], accelerations[n, 2] - GRAVITY_Z
+        ox, oy, oz = twists[n, 3], twists[n, 4], twists[n, 5]
+        lx, ly, lz = accelerations[n, 3], accelerations[n, 4], accelerations[n, 5]
         cx = Q[0, 0] * px + Q[0, 1] * py + Q[0, 2] * pz
         cy = Q[1, 0] * px + Q[1, 1] * py + Q[1, 2] * pz
         cz = Q[2, 0] * px + Q[2, 1] * py + Q[2, 2] * pz

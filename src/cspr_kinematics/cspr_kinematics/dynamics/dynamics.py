@@ -67,9 +67,9 @@ def static_wrench(
     Parameters, result (..., 6) and errors are those of `required_wrench`.
     """
     n = math.prod(pose.batch_shape)
-    wrench, still = np.empty((n, 6)), kernel_input(np.zeros((n, 3)), n, 3)
+    wrench, still = np.empty((n, 6)), kernel_input(np.zeros((n, 6)), n, 6)
     rotations = kernel_input(pose.rotation, n, 3, 3)
-    required_wrenches(_total_parameters(robot, payload), rotations, still, still, still, wrench)
+    required_wrenches(_total_parameters(robot, payload), rotations, still, still, wrench)
     return _less_external(wrench.reshape(*pose.batch_shape, 6), external_wrench)
 
 
@@ -108,8 +108,8 @@ def _total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
 
 def _motion_arrays(
     pose: Pose, twist: Twist, acceleration: Acceleration
-) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Return the common batch axes, and rotations, omega, a and alpha in the form that kernels take.
+) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray]]:
+    """Return the common batch axes, and Q, [v; omega] and [a; alpha] in the form that kernels take.
 
     Raises
     ------
@@ -117,18 +117,16 @@ def _motion_arrays(
         If the batch axes do not broadcast.
     """
     batch = pose.batch_shape
-    Q, omega = pose.rotation, twist.angular
-    a, alpha = acceleration.linear, acceleration.angular
+    Q, velocities, accelerations = pose.rotation, twist.vector, acceleration.vector
     if twist.batch_shape != batch or acceleration.batch_shape != batch:
         batch = broadcast_batch(pose=batch, twist=twist.batch_shape, acceleration=acceleration.batch_shape)
         Q = np.broadcast_to(Q, (*batch, 3, 3))
-        omega, a, alpha = (np.broadcast_to(x, (*batch, 3)) for x in (omega, a, alpha))
+        velocities, accelerations = (np.broadcast_to(x, (*batch, 6)) for x in (velocities, accelerations))
     n = math.prod(batch)
     return batch, (
         kernel_input(Q, n, 3, 3),
-        kernel_input(omega, n, 3),
-        kernel_input(a, n, 3),
-        kernel_input(alpha, n, 3),
+        kernel_input(velocities, n, 6),
+        kernel_input(accelerations, n, 6),
     )
 
 

@@ -48,15 +48,9 @@ class Motion(NamedTuple):
         acceleration : float
             sigma'', 1/s.
         """
-        twist, a = self.twist, self.acceleration
-        return Motion(
-            self.pose,
-            Twist(twist.linear * rate, twist.angular * rate),
-            Acceleration(
-                a.linear * rate**2 + twist.linear * acceleration,
-                a.angular * rate**2 + twist.angular * acceleration,
-            ),
-        )
+        v = self.twist.vector * rate
+        a = self.acceleration.vector * rate**2 + self.twist.vector * acceleration
+        return Motion(self.pose, Twist(v[..., :3], v[..., 3:]), Acceleration(a[..., :3], a[..., 3:]))
 
 
 def motion_from_euler(

@@ -10,7 +10,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, as_floats, broadcast_batch, checked, frozen
+from cspr_kinematics.arrays import (
+    FloatArray,
+    ReadOnlyArrays,
+    as_floats,
+    broadcast_batch,
+    checked,
+    frozen,
+    is_finite,
+)
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.motion._rotation import pose_defects, quaternions, rotations
@@ -145,17 +153,32 @@ class Pose(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class _LinearAngular(ReadOnlyArrays):
-    """A linear and an angular vector of the platform, both in base axes."""
+    """A linear and an angular vector of the platform, both in base axes, as one."""
 
-    linear: FloatArray
-    angular: FloatArray
+    vector: FloatArray
 
     def __init__(self, linear: ArrayLike, angular: ArrayLike) -> None:
-        v, omega = checked("linear", linear, 3), checked("angular", angular, 3)
-        if v.shape != omega.shape:
-            batch = broadcast_batch(linear=v.shape[:-1], angular=omega.shape[:-1])
-            v, omega = np.broadcast_to(v, (*batch, 3)), np.broadcast_to(omega, (*batch, 3))
-        self._set(linear=frozen(v), angular=frozen(omega))
+        v, omega = as_floats("linear", linear, 3), as_floats("angular", angular, 3)
+        batch = v.shape[:-1]
+        if omega.shape[:-1] != batch:
+            batch = broadcast_batch(linear=batch, angular=omega.shape[:-1])
+        vector = np.empty((*batch, 6))
+        vector[..., :3], vector[..., 3:] = v, omega
+        if not is_finite(vector):
+            checked("linear", v)
+            checked("angular", omega)
+        vector.setflags(write=False)
+        self._set(vector=vector)
+
+    @property
+    def linear(self) -> FloatArray:
+        """The linear vector, shape (..., 3)."""
+        return self.vector[..., :3]
+
+    @property
+    def angular(self) -> FloatArray:
+        """The angular vector, shape (..., 3)."""
+        return self.vector[..., 3:]
 
     @classmethod
     @cache
@@ -166,7 +189,7 @@ class _LinearAngular(ReadOnlyArrays):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes; () for a single one."""
-        return self.linear.shape[:-1]
+        return self.vector.shape[:-1]
 
 
 class Twist(_LinearAngular):
@@ -175,9 +198,11 @@ class Twist(_LinearAngular):
     Attributes
     ----------
     linear : numpy.ndarray, shape (..., 3)
-        Velocity of the platform's origin, m/s.
+        v, velocity of the platform's origin, m/s.
     angular : numpy.ndarray, shape (..., 3)
-        Angular velocity, rad/s.
+        omega, angular velocity, rad/s.
+    vector : numpy.ndarray, shape (..., 6)
+        xdot = [v; omega].
 
     Raises
     ------
@@ -192,9 +217,11 @@ class Acceleration(_LinearAngular):
     Attributes
     ----------
     linear : numpy.ndarray, shape (..., 3)
-        Acceleration of the platform's origin, m/s^2.
+        a, acceleration of the platform's origin, m/s^2.
     angular : numpy.ndarray, shape (..., 3)
-        Angular acceleration, rad/s^2.
+        alpha, angular acceleration, rad/s^2.
+    vector : numpy.ndarray, shape (..., 6)
+        [a; alpha].
 
     Raises
     ------

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspr_kinematics.arrays import FloatArray, as_floats, broadcast_batch, checked
-from cspr_kinematics.compiled import in_batch, in_chunks, kernel_input
+from cspr_kinematics.arrays import FloatArray, as_floats, broadcast_batch, checked, positive_integer
+from cspr_kinematics.compiled import in_batch, kernel_input
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
 from cspr_kinematics.tensions._batch import distribute_batch
 from cspr_kinematics.tensions._bounded import SINGULAR
@@ -96,7 +97,15 @@ def distribute_tensions(
     def work(first: int, after_last: int) -> tuple[int, bool]:
         return distribute_batch(code, *problem, first, after_last, *answer)
 
-    for singular, finite in in_chunks(work, n, threads, _LEAST_PER_THREAD):
+    chunks = min(positive_integer("threads", threads), n // _LEAST_PER_THREAD)
+    if chunks <= 1:
+        outcomes = [work(0, n)]
+    else:
+        # plain threads, because those of OpenMP do not survive a fork and numba's own must not be entered twice
+        bounds = np.linspace(0, n, chunks + 1).astype(int).tolist()
+        with ThreadPoolExecutor(chunks) as pool:
+            outcomes = list(pool.map(work, bounds[:-1], bounds[1:]))
+    for singular, finite in outcomes:
         if singular or not finite:
             checked("wrench", w)
             checked("wrench_matrix", A)

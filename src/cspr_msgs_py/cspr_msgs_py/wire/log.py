@@ -7,15 +7,15 @@ from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import Bytes, Scanner, Writer
 from cspr_msgs_py.wire.samples import LogLine
 
-_SEVERITY = {Level.OK: 20, Level.WARN: 30, Level.ERROR: 40}  # INFO, WARN and ERROR of rcl_interfaces/Log
-_LEVELS = {severity: level for level, severity in _SEVERITY.items()}
+SEVERITY = {Level.OK: 20, Level.WARN: 30, Level.ERROR: 40}  # INFO, WARN and ERROR of rcl_interfaces/Log
+_LEVELS = {severity: level for level, severity in SEVERITY.items()}
 
 
 def encode_log(line: LogLine) -> bytes:
     """Return an rcl_interfaces/Log as CDR, without a place in the source."""
     writer = Writer()
     writer.time(line.stamp_ns)
-    writer.byte(_SEVERITY[line.level])
+    writer.byte(SEVERITY[line.level])
     for text in (line.name, line.text, "", ""):
         writer.string(text)
     writer.count(0)

@@ -70,12 +70,17 @@ def test_settling_time_counts_from_the_last_change_and_for_good() -> None:
 def test_settling_without_a_change_counts_from_the_beginning() -> None:
     time = np.arange(0.0, 5.0, 0.02)
     assert settling_time(mass(time, np.full_like(time, 100.5)), mass(time, np.full_like(time, 100.0))) == 0.0
+    assert settling_time(mass(time, np.full_like(time, 0.9)), mass(time, np.zeros_like(time))) == 0.0
+    assert settling_time(mass(time, np.full_like(time, 1.1)), mass(time, np.zeros_like(time))) is None
 
 
 def test_verdict_names_what_is_wrong() -> None:
     assert verdict(summary()) == "good"
     assert "cycles were missed" in verdict(summary(cycle={"cycles": 1000, "missed": 10}))
     assert "5.0 kg off" in verdict(summary(mass={"estimate": 195.0}))
+    assert verdict(summary(mass={"estimate": 0.9, "true": 0.0})) == "good"
+    assert "1.1 kg off (limit 1 %, 1 kg at least)" in verdict(summary(mass={"estimate": 1.1, "true": 0.0}))
+    assert verdict(summary(mass={"estimate": 0.0}, cause="emergency stop")) == "stopped: emergency stop"
     assert "did not settle" in verdict(summary(mass={"settling": None}))
 
 
@@ -122,7 +127,6 @@ def test_a_summary_is_a_view_of_the_metrics(run: RunAnalysis) -> None:
 def test_a_summary_says_what_a_bag_lacks(record: Callable[..., Path]) -> None:
     omitted = ("/simulation/payload", "/diagnostics")
     (bare,) = analyse_bags([record(omitted=omitted)], configuration_directory=CONFIG)
-    with pytest.raises(
-        ControlError, match=r"lacks the estimated and the true payload on it, the driver's count"
-    ):
+    assert bare.metrics.cycle.cycles is None
+    with pytest.raises(ControlError, match=r"lacks the estimated and the true payload on it: there is"):
         RunSummary.of(bare.metrics, controller="pd", exact_mass=False)

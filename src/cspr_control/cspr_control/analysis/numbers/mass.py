@@ -13,6 +13,7 @@ from cspr_control.analysis.timeline import Timeline
 from cspr_msgs_py.bag.columns import Inertias
 
 MASS_TOLERANCE = 0.02  # of the true mass: the band in which the estimate must stay to count as settled
+LEAST_TOLERANCE = 1.0  # kg, of every band around the true mass: 2 % of an empty platform could never be met
 _LEAST_CHANGE = 1e-3  # kg, the least difference that counts as a change of the true mass
 
 
@@ -132,6 +133,8 @@ def mass_metrics(estimate: MassTrace, truth: MassTrace | None, origin_ns: int) -
 def settling_time(estimate: MassTrace, truth: MassTrace, tolerance: float = MASS_TOLERANCE) -> float | None:
     """Time from the last change of the true mass until the estimate is within a tolerance of it for good, s.
 
+    The tolerance is a share of the true mass, and `LEAST_TOLERANCE` at least.
+
     None when it never is, and when the estimate's record ends before the change. With no change in the record, the
     time runs from the beginning of the estimate's record.
     """
@@ -140,7 +143,7 @@ def settling_time(estimate: MassTrace, truth: MassTrace, tolerance: float = MASS
     if not after.any():
         return None
     final = float(truth.mass[-1])
-    outside = np.abs(estimate.mass[after] - final) > tolerance * max(final, 1.0)
+    outside = np.abs(estimate.mass[after] - final) > max(tolerance * final, LEAST_TOLERANCE)
     if outside[-1]:
         return None
     stamps = estimate.stamp_ns[after]

@@ -1,7 +1,6 @@
 """The summary of a run: what a user asks first of its metrics, under the keys of summary.json and as a table.
 
-Nothing is computed here: each number is one of `RunMetrics` or, for a run that was simulated without a bag, of the same
-functions (`cspr_control.closed_loop.record`).
+Nothing is computed here: each number is one of `RunMetrics`.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 
 from cspr_control.analysis.numbers.cycles import CycleMetrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
-from cspr_control.analysis.numbers.mass import MassMetrics
+from cspr_control.analysis.numbers.mass import LEAST_TOLERANCE, MassMetrics
 from cspr_control.analysis.numbers.metrics import RunMetrics
 from cspr_control.analysis.recording import Window
 from cspr_control.errors import ControlError
@@ -54,8 +53,8 @@ class RunSummary:
     cause: str = ""
 
     @classmethod
-    def of(cls, metrics: RunMetrics, *, controller: str, exact_mass: bool) -> RunSummary:
-        """Return the summary of a recorded run.
+    def of(cls, metrics: RunMetrics, *, controller: str, exact_mass: bool, cause: str = "") -> RunSummary:
+        """Return the summary of a recorded run that a fault stopped, in words, if one did.
 
         Raises
         ------
@@ -69,14 +68,21 @@ class RunSummary:
                 ("a trajectory that was followed", metrics.window.name == "trajectory"),
                 ("set-points on it", position is not None and bool(np.isfinite(position.rms).all())),
                 ("the estimated and the true payload on it", mass is not None and math.isfinite(mass.true)),
-                ("the driver's count of cycles", cycle.cycles is not None),
             )
             if not there
         ]
         if lacking or position is None or mass is None:
             raise ControlError(f"{metrics.bag} lacks {', '.join(lacking)}: there is nothing to summarise")
         return cls(
-            controller, exact_mass, metrics.trajectory, metrics.window, position, mass, cycle, metrics.bag
+            controller,
+            exact_mass,
+            metrics.trajectory,
+            metrics.window,
+            position,
+            mass,
+            cycle,
+            metrics.bag,
+            cause,
         )
 
     @property
@@ -127,16 +133,20 @@ class RunSummary:
 
 
 def verdict(summary: RunSummary) -> str:
-    """Return in one line whether the cycle held and the estimate found the mass, or what is wrong."""
-    faults = [f"the robot stopped: {summary.cause}"] if summary.cause else []
+    """Return in one line what stopped the robot, or whether the cycle held and the estimate found the mass."""
+    if summary.cause:
+        return f"stopped: {summary.cause}"
+    faults = []
     if summary.missed_share >= 0.005:
         faults.append(f"{summary.missed_share:.2%} of the cycles were missed (limit 0.5 %)")
     mass = summary.mass
     error = abs(mass.estimate - mass.true)
-    if error > 0.01 * max(mass.true, 1.0):
-        faults.append(f"the mass estimate ended {error:.1f} kg off (limit 1 %)")
+    if error > max(0.01 * mass.true, LEAST_TOLERANCE):
+        faults.append(
+            f"the mass estimate ended {error:.1f} kg off (limit 1 %, {LEAST_TOLERANCE:g} kg at least)"
+        )
     if mass.settling is None or mass.settling > 3.0:
-        faults.append("the mass estimate did not settle to 2 % within 3 s")
+        faults.append(f"the mass estimate did not settle to 2 % ({LEAST_TOLERANCE:g} kg at least) within 3 s")
     return "good" if not faults else "not good: " + "; ".join(faults)
 
 
@@ -152,10 +162,20 @@ def format_summary(summary: RunSummary) -> str:
         row.format("  maximum", *(f"{e:.2f}" for e in errors.maximum), f"{errors.maximum.mean():.2f}"),
         f"  payload               true {mass.true:.1f} kg, estimated {mass.estimate:z.1f} kg, "
         f"{'never within 2 %' if mass.settling is None else f'within 2 % after {_settled(mass)}'}",
-        f"  control cycle         {cycle.rate:.1f} Hz, {cycle.missed} of {cycle.cycles} cycles missed "
-        f"({summary.missed_share:.3%})",
-        f"  command latency       {cycle.latency_p50_us:.0f} us median, {cycle.latency_p99_us:.0f} us 99 %, "
-        f"{cycle.latency_max_us:.0f} us maximum",
+        f"  control cycle         {cycle.rate:.1f} Hz, "
+        + (
+            "no driver to count its cycles"
+            if cycle.cycles is None
+            else f"{cycle.missed} of {cycle.cycles} cycles missed ({summary.missed_share:.3%})"
+        ),
+        *(
+            []
+            if math.isnan(cycle.latency_p50_us)
+            else [
+                f"  command latency       {cycle.latency_p50_us:.0f} us median, {cycle.latency_p99_us:.0f} us 99 %, "
+                f"{cycle.latency_max_us:.0f} us maximum"
+            ]
+        ),
         f"  verdict               {verdict(summary)}",
     ]
     return "\n".join(lines)
