@@ -55,14 +55,16 @@ def test_what_was_chosen_stands_in_the_copy(tmp_path: Path) -> None:
     assert parameters(files, "feedforward")["payload_source"] == "nominal"
     assert files["robot"] == shipped("robot")
     assert files["can"] == shipped("can")
-    assert parameters(files, "supervisor") == shipped("control")["supervisor"]["ros__parameters"]
+    usual = shipped("control")["supervisor"]["ros__parameters"]
+    ages = {f"max_age.{name}": age for name, age in usual.pop("max_age").items()}
+    assert parameters(files, "supervisor") == usual | ages
 
 
 def test_without_real_time_priority_the_watchdogs_wait_longer(tmp_path: Path) -> None:
     files = copied(replace(SCENARIO, realtime=False), tmp_path / "config")
     assert files["can"]["timeouts"]["command"] > shipped("can")["timeouts"]["command"]
     relaxed, limits = parameters(files, "supervisor"), shipped("control")["supervisor"]["ros__parameters"]
-    assert relaxed["max_age"]["motor_states"] > limits["max_age"]["motor_states"]
+    assert relaxed["max_age.motor_states"] > limits["max_age"]["motor_states"]
     assert relaxed["following_error_time"] > limits["following_error_time"]
 
 
@@ -81,7 +83,9 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
     assert markers["trail"] == 4.0 * 20.0
     assert player["stop_time"] == 0.5  # the machine's own
     assert parameters(files, "simulated_robot")["speed"] == 0.25
-    assert slow["max_age"] == {name: pytest.approx(4.0 * age) for name, age in usual["max_age"].items()}
+    assert {name: slow[f"max_age.{name}"] for name in usual["max_age"]} == {
+        name: pytest.approx(4.0 * age) for name, age in usual["max_age"].items()
+    }
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_what_depends_on_the_computers_clock_is_stretched():
     assert slow.values("trajectory_publisher")["max_gap"] == 0.4
     assert slow.values("trajectory_publisher")["dwell"] == 1.0  # counts on the machine's clock
     assert slow.values("feedforward")["model"] == "static"
-    assert yaml.safe_load(file.text())["supervisor"]["ros__parameters"]["max_age"]["setpoint"] == 0.8
+    assert yaml.safe_load(file.text())["supervisor"]["ros__parameters"]["max_age.setpoint"] == 0.8
 
 
 def test_a_change_must_fit():
@@ -128,8 +128,8 @@ def test_a_change_must_fit():
         ("trajectory", "trajectory_publisher"),
         ("motor_gains", "motor_control_gains"),
         ("gains", "motor_control_gains"),
-        ("controller", "motor_control_gains"),
-        ("control", "motor_control_gains"),
+        ("controller", "motor_controller_1"),
+        ("control", "motor_controller_1"),
         ("motor_controler_3", "motor_controller_3"),
         ("motor_controller_0", "motor_controller_1"),
         ("motor_controller_K", "motor_controller_1"),

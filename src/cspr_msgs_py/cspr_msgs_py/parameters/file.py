@@ -163,7 +163,7 @@ class ParameterFile:
 
     def text(self) -> str:
         """Return the content of a file with these parameters."""
-        content = {node: {"ros__parameters": _nested(values)} for node, values in self._nodes.items()}
+        content = {node: {"ros__parameters": values} for node, values in self._nodes.items()}
         stream = StringIO()
         _yaml("rt").dump(content, stream)
         return stream.getvalue()
@@ -228,18 +228,6 @@ def _entries(section: MappingNode) -> list[tuple[str, Node]]:
     return list(entries.items())
 
 
-def _nested(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the mapping whose names with dots are `values`."""
-    content: dict[str, Any] = {}
-    for name, value in values.items():
-        *path, last = name.split(".")
-        section = content
-        for key in path:
-            section = section.setdefault(key, {})
-        section[last] = value
-    return content
-
-
 def value_from_text(node: str, name: str, text: str) -> Any:
     """Return the value that a text, read as ROS reads it, gives to a parameter of a node of ours.
 
@@ -258,7 +246,7 @@ def value_from_text(node: str, name: str, text: str) -> Any:
     return row.checked(row.as_double(value))
 
 
-def require_heard(where: str, node: str, name: str, heard: Heard) -> None:
+def require_heard(where: str, node: str, name: str, heard: Heard | None) -> None:
     """Refuse a parameter that is given to a node that does not take it, or is not there.
 
     Parameters
@@ -270,15 +258,19 @@ def require_heard(where: str, node: str, name: str, heard: Heard) -> None:
     name
         Name of the parameter; what is not ours is ignored.
     heard
-        What the nodes that are there take.
+        What the nodes that are there take; before they are, it is enough that a node of ours has the parameter.
 
     Raises
     ------
     ParameterError
         Says who takes it, or what is taken.
     """
-    takers = [each for each, names in heard.items() if name in names]
-    if known_parameter(node, name) is None or node in takers or (node == ALL_NODES and takers):
+    try:
+        row = known_parameter(node, name)
+    except ParameterError as error:
+        raise ParameterError(f"{where}: {error}") from error
+    takers = [each for each, names in (heard or {}).items() if name in names]
+    if row is None or heard is None or node in takers or (node == ALL_NODES and takers):
         return
     if node != ALL_NODES and node not in heard:
         raise ParameterError(f"{where}: {node} is not here; the nodes here are {', '.join(heard)}")
@@ -300,7 +292,7 @@ def check_arguments(arguments: Sequence[str], heard: Heard | None = None) -> Non
     arguments
         The command line.
     heard
-        What the nodes of the process take; before they are there it is enough that a node of ours has the parameter.
+        What the nodes of the process take, as for `require_heard`.
 
     Raises
     ------
@@ -313,12 +305,7 @@ def check_arguments(arguments: Sequence[str], heard: Heard | None = None) -> Non
                 file.require_heard(heard)
         elif option in ("-p", "--param"):
             path, _, name = value.partition(":=")[0].rpartition(":")
-            try:
-                known_parameter(_node(path), name)
-            except ParameterError as error:
-                raise ParameterError(f"{option} {value}: {error}") from error
-            if heard is not None:
-                require_heard(f"{option} {value}", _node(path), name, heard)
+            require_heard(f"{option} {value}", _node(path), name, heard)
         elif option in ("-r", "--remap") and re.match(r"([^:]+:)?__(node|name):=", value):
             raise ParameterError(
                 f"{option} {value}: other nodes find this one by its name; leave that as it is"

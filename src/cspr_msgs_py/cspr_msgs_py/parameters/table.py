@@ -190,14 +190,7 @@ NODES = tuple(node.replace("_K", "_1") for node in TABLE)
 OF_PROCESS = (CPU.name, REALTIME_PRIORITY.name)
 """Parameters that say how a process runs, not what its nodes do."""
 
-_TAKEN_FOR_NODES = {
-    "control": "motor_control_gains",
-    "drivers": "can_drives",
-    "emulated_robot": "simulated_robot",
-    "payload_estimator": "mass_estimator",
-    "feed_forward": "feedforward",
-}
-"""Names of programs and of what nodes do, and the nodes that they may be meant for."""
+_OTHER_NAMES = {"payload_estimator": "mass_estimator", "feed_forward": "feedforward"}
 
 _WITHOUT_PRIORITY = ("recorder", "robot_markers")  # the control loop comes first
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -223,7 +216,7 @@ def _meant_node(name: str) -> str | None:
 
     It was, if it is almost one of them, or made of parts of their words alone. Other nodes have a word of their own.
     """
-    ours = {node: node for node in NODES} | _TAKEN_FOR_NODES
+    ours = {node: node for node in NODES} | _OTHER_NAMES
     words = re.findall("[a-z]+", name.lower())
     shared = {
         node: {word for word in words if any(_is_part(word, whole) for whole in node.split("_"))}
