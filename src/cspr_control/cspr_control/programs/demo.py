@@ -206,7 +206,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     output = ros_parameter("output", str(directory / "bag"))
     started = {
         "recorder": ["--ros-args", *output, *ros_parameter("attach", attached), *recorder_cpu],
-        "simulated_robot": robot_arguments + scenario.robot_arguments() + robot_cpu,
+        "simulated_robot": robot_arguments + scenario.priority_arguments() + robot_cpu,
         "control": control_arguments + scenario.control_arguments() + control_cpu,
     }
     if markers:
