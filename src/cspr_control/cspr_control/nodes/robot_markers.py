@@ -35,7 +35,7 @@ from cspr_control.markers.robot_markers import (
 from cspr_control.motors.feedforward import checked_payload
 from cspr_control.nodes.parameters import declare_robot
 from cspr_control.parameters.experiment import TRAJECTORIES
-from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
+from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
@@ -131,9 +131,10 @@ class RobotMarkers(Node):
         if name not in TRAJECTORIES:
             return
         # speeds do not change the path; where it runs is in the robot's file
-        options = TrajectoryOptions(MotionLimits(1.0, 1.0, 1.0, 1.0), self._robot.home)
+        home, chosen = self._robot.home, TrajectoryName(name)
+        settings = TrajectorySettings(chosen, MotionLimits(1.0, 1.0, 1.0, 1.0), home)
         try:
-            trajectory = make_trajectory(TrajectoryName(name), self._robot, self._robot.home, options)
+            trajectory = make_trajectory(chosen, self._robot, home, settings)
         except ControlError as error:
             self._problem = str(error)
             return
