@@ -115,30 +115,6 @@ def test_max_torque_limits_and_says_so(desk):
     assert not desk.status() & INTERNAL_LIMIT
 
 
-def test_synchronous_rpdo_waits_for_sync(drive_desk):
-    desk = drive_desk()
-    desk.configure()
-    desk.enable(torque=100)
-    desk.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
-    desk.wait(0.5)
-    desk.command(0x80)
-    desk.map(0x1400, desk.RPDO, 1, (0x60400010, 0x60710010))
-    desk.nmt(NmtCommand.START)
-    desk.command(0x80)
-    assert desk.drive.automaton.state is State.FAULT
-    desk.sync()
-    assert desk.drive.automaton.state is State.SWITCH_ON_DISABLED
-
-
-def test_tpdo_at_every_third_sync(drive_desk):
-    desk = drive_desk()
-    desk.map(0x1800, desk.TPDO, 3, (0x60410010,))
-    desk.nmt(NmtCommand.START)
-    for _ in range(7):
-        desk.sync()
-    assert len(desk.frames(desk.TPDO)) == 2
-
-
 def test_event_driven_tpdo_on_change_and_by_timer(drive_desk):
     desk = drive_desk()
     desk.map(0x1800, desk.TPDO, 255, (0x60410010,), timer=50)
