@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics, before_and_after
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.reference.paper import paper_18, paper_19, paper_19_tilt
 from cspr_kinematics import Robot
@@ -56,9 +56,7 @@ class TensionResults:
     @property
     def payload_change(self) -> dict[str, ErrorStatistics]:
         """Statistics of the third simulation before and after the load is added, and by how much they differ."""
-        before = ErrorStatistics.of(self.third.between(0.0, ADDED_AT).deviation)
-        after = ErrorStatistics.of(self.third.between(ADDED_AT, np.inf).deviation)
-        return {"before": before, "after": after, "delta": before - after}
+        return before_and_after(self.third.time, self.third.deviation, ADDED_AT)
 
 
 LoopResults = dict[Case, LoopRecord]

@@ -82,6 +82,7 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
     markers = ParameterFile.from_yaml(tmp_path / "config" / "control.yaml").values("robot_markers")
     assert markers["trail"] == 4.0 * 20.0
     assert player["stop_time"] == 0.5  # the machine's own
+    assert parameters(files, "simulated_robot")["speed"] == 0.25
     assert {name: slow[f"max_age.{name}"] for name in usual["max_age"]} == {
         name: pytest.approx(4.0 * age) for name, age in usual["max_age"].items()
     }

@@ -12,7 +12,7 @@ from cspr_control.programs.workspace import main
 from cspr_kinematics import Workspace
 
 ROBOT = str(Path(__file__).parents[3] / "config" / "robot.yaml")
-COARSE = ["--robot", ROBOT, "--spacing", "0.5", "--quiet"]
+COARSE = ["--robot", ROBOT, "--spacing", "0.5"]
 
 
 def test_files_and_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

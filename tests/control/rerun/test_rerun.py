@@ -24,6 +24,7 @@ from cspr_msgs_py.bag.bag_file import Attachment, BagFile
 from cspr_msgs_py.bag.metadata import RecordedTopic
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import FeedforwardModel
 from cspr_msgs_py.wire.joint_state import JointStateCodec
@@ -121,10 +122,14 @@ class Graph:
         event = ParameterEvent(node="/feedforward", changed_parameters=[Parameter(name="model", value=value)])
         self._record(PARAMETER_EVENTS, now, bytes(serialize_message(event)))
 
-    def write(self, directory, *, without=(), attach=True, since=0.0, late=()):
+    def write(self, directory, *, without=(), attach=True, since=0.0, late=(), speed=1.0):
         """Record what comes `since` a time, s; the topics of `late` from 0.6 s on."""
         files = ("control.yaml", "robot.yaml") if attach else ()
         attachments = [Attachment(f"run/config/{name}", (CONFIG / name).read_bytes()) for name in files]
+        if speed != 1.0:
+            control = ParameterFile.from_yaml(CONFIG / "control.yaml")
+            control.slow_down(speed)
+            attachments[0] = Attachment("run/config/control.yaml", control.text().encode())
         bag = BagFile(directory, {}, attachments)
         indices = {
             topic.name: bag.add_topic(RecordedTopic(topic.name, topic.type, message_definition(topic.type)))
@@ -212,6 +217,18 @@ def test_another_time_constant_gives_its_step_response(bag, tmp_path, time_const
     np.testing.assert_allclose(payload.mass[after], expected, atol=100.0 * 0.025 / time_constant)
     settled = comparison["payload"]["rerun_quality"]["settling_time"]
     assert settled == pytest.approx(time_constant * math.log(100.0 / 3.0), abs=0.05)
+
+
+def test_parameters_of_a_slowed_machine_are_given_and_shown_as_in_real_time(graph, bag, tmp_path, capsys):
+    slowed = graph.write(tmp_path / "bag", speed=0.3)
+    given = "--set", "mass_estimator.time_constant=0.06", "--set", "mass_estimator.mass_rate_limit=3000"
+    output, comparison = run(slowed, "--output", tmp_path / "slowed", *given)
+    assert comparison["parameters"]["mass_estimator.time_constant"] == {"recorded": 0.4, "rerun": 0.06}
+    assert "the machine ran at 0.3 of real time" in capsys.readouterr().err
+    by_the_clock = "--set", "mass_estimator.time_constant=0.2", "--set", "mass_estimator.mass_rate_limit=900"
+    same, _ = run(bag, "--output", tmp_path / "same", *by_the_clock)
+    with Bag(output / "bag") as one, Bag(same / "bag") as other:
+        np.testing.assert_allclose(one.inertias("/payload").mass, other.inertias("/payload").mass, rtol=1e-9)
 
 
 def test_another_model_gives_its_torques(bag, robot, tmp_path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import fields
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
@@ -23,7 +22,7 @@ from cspr_control.analysis.figures.style import (
     controller_title,
 )
 from cspr_control.analysis.numbers.cycles import cycle_bins, cycle_periods
-from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.error_statistics import before_and_after
 from cspr_control.analysis.numbers.tables import motor_rows, row_texts, summary_rows
 from cspr_control.analysis.page.decimation import envelope
 from cspr_control.analysis.page.packing import Packer
@@ -110,7 +109,7 @@ def _description(runs: Sequence[RunAnalysis], packer: Packer) -> dict[str, Any]:
 
 def _run(run: RunAnalysis, index: int, packer: Packer, limit: int) -> dict[str, Any]:
     recording = run.recording
-    timeline = recording.timeline
+    timeline, deviation = recording.timeline, run.model_deviation()
 
     def seconds(time_ns: int) -> float:
         return (time_ns - recording.origin_ns) * 1e-9
@@ -131,7 +130,9 @@ def _run(run: RunAnalysis, index: int, packer: Packer, limit: int) -> dict[str, 
         ],
         "information": recording.information,
         "configuration": dict(sorted(recording.configuration.files.items())),
-        "deviation": _deviation(run),
+        "deviation": None
+        if deviation is None
+        else {name: _plain(size) for name, size in vars(deviation).items()},
         "change": _change(run),
         "errors_by_load": [[load, _plain(values)] for load, values in sorted(run.errors_by_load().items())],
         "cycles": _cycles(run),
@@ -155,7 +156,7 @@ def _blocks(run: RunAnalysis, packer: Packer, limit: int) -> dict[str, Any]:
     if run.errors is not None:
         add("errors", run.errors.time_ns, np.degrees(run.errors.position), np.degrees(run.errors.velocity))
     if predicted is not None:
-        add("model", predicted.time_ns, predicted.dynamic, predicted.dynamic - predicted.static)
+        add("model", predicted.time_ns, predicted.dynamic, predicted.deviation)
     if tensions is not None:
         deviation = []
         if predicted is not None:
@@ -195,22 +196,12 @@ def _payload_events(run: RunAnalysis) -> list[Event]:
     ]
 
 
-def _deviation(run: RunAnalysis) -> dict[str, Any] | None:
-    if run.predicted is None:
-        return None
-    counted = run.recording.in_window(run.predicted.time_ns)
-    return _statistics(ErrorStatistics.of((run.predicted.dynamic - run.predicted.static)[counted]))
-
-
 def _change(run: RunAnalysis) -> dict[str, Any] | None:
     found = payload_change(run)
     if found is None:
         return None
     change, time_ns, deviation = found
-    time = run.recording.seconds(time_ns)
-    before = ErrorStatistics.of(deviation[time < change.time])
-    after = ErrorStatistics.of(deviation[time >= change.time])
-    parts = {"before": before, "after": after, "delta": before - after}
+    parts = before_and_after(run.recording.seconds(time_ns), deviation, change.time)
     return {
         "text": f"cable {CABLE_OF_FIGURE_10}, {change.mass - change.mass_before:+g} kg",
         **{
@@ -243,10 +234,6 @@ def _configuration_differences(runs: Sequence[RunAnalysis]) -> list[str]:
                 names = controller_title(runs[0].name), controller_title(run.name)
                 lines.append(f"{name}: {describe(found, f'in {names[0]}', f'in {names[1]}')}")
     return lines
-
-
-def _statistics(statistics: ErrorStatistics) -> dict[str, Any]:
-    return {item.name: _plain(getattr(statistics, item.name)) for item in fields(statistics)}
 
 
 def _plain(values: Floats) -> list[float | None]:

@@ -80,6 +80,13 @@ class RunAnalysis:
         loads = [f"{mass:g}" for _, mass in self.loads()]
         return f"{', then '.join(loads)} kg" if loads else "unknown payload"
 
+    def model_deviation(self) -> ErrorStatistics | None:
+        """Return the size of the models' deviation on the trajectories, N; None if they predict nothing there."""
+        if self.predicted is None:
+            return None
+        counted = self.recording.in_window(self.predicted.time_ns)
+        return ErrorStatistics.of(self.predicted.deviation[counted]) if counted.any() else None
+
     def errors_by_load(self) -> dict[float, Floats]:
         """Return the RMS position error (m,) of the motors, degrees, for each payload in kg."""
         loads = self.loads()

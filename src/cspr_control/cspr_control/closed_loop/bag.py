@@ -51,7 +51,7 @@ def recorded(directory: Path | None, scenario: Scenario, loop: ClosedLoop[Any]) 
         recording = {
             "bag": directory.name,
             "cause": "",
-        }  # in its own place: the bytes must not depend on that
+        }  # not the path: the bytes must not depend on the place
         bag.write(RECORDER_STATE, start, Status("recorder", Level.OK, "recording", recording))
     written = start
 

@@ -85,16 +85,13 @@ class Scenario(Experiment):
 
     def control_arguments(self) -> list[str]:
         """ROS arguments of the control nodes."""
-        arguments = self._priority()
+        arguments = self.priority_arguments()
         if self.exact_mass:
             arguments += ["-r", f"feedforward:{topics.PAYLOAD.name}:={topics.SIMULATED_PAYLOAD.name}"]
         return arguments
 
-    def robot_arguments(self) -> list[str]:
-        """ROS arguments of the simulated robot."""
-        return ["-p", f"simulated_robot:speed:={self.speed}", *self._priority()]
-
-    def _priority(self) -> list[str]:
+    def priority_arguments(self) -> list[str]:
+        """ROS arguments of control and the simulated robot."""
         return ["-p", "realtime_priority:=50"] if self.realtime else []
 
 

@@ -84,25 +84,6 @@ class MotorController:
         Why the newest motor state was not answered; None if it was.
     """
 
-    __slots__ = (
-        "_angle",
-        "_coulomb",
-        "_kd",
-        "_kp",
-        "_received",
-        "_smoothing",
-        "_speed",
-        "_stamp",
-        "_timeout",
-        "_torque",
-        "_torque_limit",
-        "_viscous",
-        "last_refusal",
-        "motor",
-        "refusals",
-        "saturations",
-    )
-
     def __init__(self, motor: Motor, gains: MotorGains, setpoint_timeout: float) -> None:
         self.motor = motor
         self.saturations = 0

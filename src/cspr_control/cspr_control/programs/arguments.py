@@ -11,25 +11,11 @@ from typing import Any
 from cspr_control.parameters.experiment import TRAJECTORIES, AddedPayload, Experiment
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import value_from_text
+from cspr_msgs_py.programs.command_line import number
 from cspr_msgs_py.vocabulary import Controller, TrajectoryName
 
 _DEFAULT = Experiment()
 _CONFIGURATION = ("robot.yaml", "control.yaml", "can.yaml", "simulation.yaml")
-
-
-def number(what: str, least: float, most: float = math.inf) -> Callable[[str], float]:
-    """Return a reader of finite numbers within limits; what it refuses is not ``what``."""
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and least <= value <= most):
-            raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
-        return value
-
-    return read
 
 
 seconds = number("a time in s, 0 or more", 0.0)

@@ -25,10 +25,10 @@ from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
 from cspr_control.parameters.control_settings import robot_file
 from cspr_control.parameters.experiment import MEASURING, SETTLING
-from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment, number
+from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.parameters.file import ParameterFile
-from cspr_msgs_py.programs.command_line import program_parser, run_program
+from cspr_msgs_py.programs.command_line import number, program_parser, run_program
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
 COMPARED = [*((controller, False) for controller in Controller), (Controller.PDFF, True)]
@@ -206,7 +206,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
     output = ros_parameter("output", str(directory / "bag"))
     started = {
         "recorder": ["--ros-args", *output, *ros_parameter("attach", attached), *recorder_cpu],
-        "simulated_robot": robot_arguments + scenario.robot_arguments() + robot_cpu,
+        "simulated_robot": robot_arguments + scenario.priority_arguments() + robot_cpu,
         "control": control_arguments + scenario.control_arguments() + control_cpu,
     }
     if markers:

@@ -6,9 +6,7 @@ import argparse
 import importlib.metadata
 import json
 import sys
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,7 +37,7 @@ from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.columns import Inertias, JointStates
 from cspr_msgs_py.bag.reader import Bag, find_bag
-from cspr_msgs_py.errors import BagWarning, MessagesError
+from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import (
     output_path,
@@ -84,7 +82,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> None:
     source: Path = options.bag
     output = _output(options.output, source)
-    with _warnings_in_one_line(), Bag(source) as bag:
+    with Bag(source) as bag:
         recording = Recording(bag, options.config)
         for remark in recording.remarks:
             print(f"rerun: {remark}", file=sys.stderr)
@@ -118,18 +116,6 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
     print(f"re-run of {source}")
     print(format_comparison(comparison))
     print(f"  written to   {output}")
-
-
-@contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    """Say what is missing from a bag as everything else is said."""
-
-    def show(message: Warning | str, *rest: Any, **more: Any) -> None:
-        print(f"rerun: {message}", file=sys.stderr)
-
-    with warnings.catch_warnings(action="always", category=BagWarning):
-        warnings.showwarning = show
-        yield
 
 
 def _estimate(

@@ -62,7 +62,7 @@ def _run(options: argparse.Namespace) -> int:
         orientations=options.euler or [(0.0, 0.0, 0.0)],
         lever=options.lever,
         threads=options.threads,
-        progress=None if options.quiet else _show_progress,
+        progress=_show_progress,
     )
     elapsed = time.monotonic() - start
     array_file, picture_file = (output.with_name(output.name + suffix) for suffix in (".npz", ".png"))
@@ -218,7 +218,6 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         help="files to write, without suffix; default: %(default)s",
     )  # fmt: skip
     add("--no-picture", action="store_true", help="write no STEM.png; it needs matplotlib")
-    add("--quiet", action="store_true", help="no progress on the terminal")
     return parser.parse_args(arguments)
 
 

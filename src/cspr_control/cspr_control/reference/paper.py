@@ -1,14 +1,13 @@
 """The test trajectories of the paper, eqs. 18 and 19, as printed.
 
 Both start at full speed and change velocity at the switch between their two parts, where the acceleration is
-not defined: the value of the first part holds at the switch itself. The orientation is level; the tilted
-variant of eq. 19 turns by 5 degrees about x and y.
+not defined: the value of the first part holds at the switch itself. Eq. 19 is eq. 18 in half the time, term by
+term. The orientation is level; the tilted variant of eq. 19 turns by 5 degrees about x and y.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from cspr_msgs_py.vocabulary import TrajectoryName
 
 TILT = math.radians(5.0)
 """Rotation about x and about y of the tilted variant, rad."""
+SWITCH, DURATION = 10.0, 20.0  # s, of eq. 18
 
 _MILLIMETRE = 1e-3
 _Point = tuple[float, float, float]
@@ -26,30 +26,15 @@ _Point = tuple[float, float, float]
 
 def equation_18(t: float) -> tuple[_Point, _Point, _Point]:
     """Position (mm), velocity (mm/s) and acceleration (mm/s^2) of eq. 18 at time t (s), about the centre."""
-    if t <= 10.0:
+    if t <= SWITCH:
         return (
             (20.0 * (5.0 - t) ** 2, 60.0 * (5.0 - t), 20.0 * t),
             (-40.0 * (5.0 - t), -60.0, 20.0),
             (40.0, 0.0, 0.0),
         )
     return (
-        (500.0 - 10.0 * (t - 10.0), -300.0 + 20.0 * (t - 10.0), 200.0 - 10.0 * (t - 10.0)),
+        (500.0 - 10.0 * (t - SWITCH), -300.0 + 20.0 * (t - SWITCH), 200.0 - 10.0 * (t - SWITCH)),
         (-10.0, 20.0, -10.0),
-        (0.0, 0.0, 0.0),
-    )
-
-
-def equation_19(t: float) -> tuple[_Point, _Point, _Point]:
-    """Position (mm), velocity (mm/s) and acceleration (mm/s^2) of eq. 19 at time t (s), about the centre."""
-    if t <= 5.0:
-        return (
-            (80.0 * (2.5 - t) ** 2, 120.0 * (2.5 - t), 40.0 * t),
-            (-160.0 * (2.5 - t), -120.0, 40.0),
-            (160.0, 0.0, 0.0),
-        )
-    return (
-        (500.0 - 20.0 * (t - 5.0), -300.0 + 40.0 * (t - 5.0), 200.0 - 20.0 * (t - 5.0)),
-        (-20.0, 40.0, -20.0),
         (0.0, 0.0, 0.0),
     )
 
@@ -66,60 +51,43 @@ class PaperTrajectory:
     ----------
     name
         Name under which the trajectory is reported.
-    equation
-        `equation_18` or `equation_19`.
-    switch_time, duration
-        Time of the switch and of the end, s.
+    pace
+        How many times as fast as eq. 18: 1, or 2 for eq. 19.
     center
         Point (3,) in base that the equations' coordinates refer to, m.
     tilt
         Largest rotation about x and about y, rad.
     """
 
-    def __init__(
-        self,
-        name: str,
-        equation: Callable[[float], tuple[_Point, _Point, _Point]],
-        switch_time: float,
-        duration: float,
-        center: NDArray[np.float64],
-        tilt: float = 0.0,
-    ) -> None:
+    def __init__(self, name: str, pace: float, center: NDArray[np.float64], tilt: float = 0.0) -> None:
         self.name = name
-        self.switch_time = switch_time
-        self.duration = duration
-        self._equation = equation
+        self.switch_time = SWITCH / pace
+        self.duration = DURATION / pace
+        self._pace = pace
         self._center = np.array(center, dtype=float)
         self._tilt = tilt
 
     def sample(self, time: float) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
         time = min(max(time, 0.0), self.duration)
-        position, velocity, acceleration = np.array(self._equation(time)) * _MILLIMETRE
-        turning = np.array([(0.0, tilt, tilt) for tilt in self._tilt_at(time)])  # and its two derivatives
-        return motion_from_euler(self._center + position, velocity, acceleration, *turning)
-
-    def _tilt_at(self, time: float) -> tuple[float, float, float]:
-        if time <= self.switch_time:
-            length = self.switch_time
-            value, first, second = quintic(time / length)
-        else:
-            length = self.duration - self.switch_time
-            value, first, second = quintic((time - self.switch_time) / length)
-            value, first, second = 1.0 - value, -first, -second
-        return self._tilt * value, self._tilt * first / length, self._tilt * second / length**2
+        pace = self._pace
+        position, velocity, acceleration = np.array(equation_18(pace * time)) * _MILLIMETRE
+        part = time / self.switch_time
+        tilt = self._tilt * np.subtract(quintic(part), quintic(part - 1.0)) / self.switch_time ** np.arange(3)
+        turning = np.outer(tilt, (0.0, 1.0, 1.0))  # and its two derivatives
+        return motion_from_euler(self._center + position, pace * velocity, pace**2 * acceleration, *turning)
 
 
 def paper_18(center: NDArray[np.float64]) -> PaperTrajectory:
     """Eq. 18: 20 s, level."""
-    return PaperTrajectory(TrajectoryName.PAPER_18, equation_18, 10.0, 20.0, center)
+    return PaperTrajectory(TrajectoryName.PAPER_18, 1.0, center)
 
 
 def paper_19(center: NDArray[np.float64]) -> PaperTrajectory:
     """Eq. 19: the distance of eq. 18 in half the time, level."""
-    return PaperTrajectory(TrajectoryName.PAPER_19, equation_19, 5.0, 10.0, center)
+    return PaperTrajectory(TrajectoryName.PAPER_19, 2.0, center)
 
 
 def paper_19_tilt(center: NDArray[np.float64]) -> PaperTrajectory:
     """Eq. 19 with 5 degrees about x and y."""
-    return PaperTrajectory(TrajectoryName.PAPER_19_TILT, equation_19, 5.0, 10.0, center, TILT)
+    return PaperTrajectory(TrajectoryName.PAPER_19_TILT, 2.0, center, TILT)

@@ -18,7 +18,7 @@ from cspr_msgs_py.bag.columns import JointStates
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.errors import BagError, ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile, require_heard
-from cspr_msgs_py.parameters.table import parameter_values
+from cspr_msgs_py.parameters.table import node_parameters, parameter_values
 from cspr_msgs_py.wire.parameter_events import TOPIC as PARAMETER_EVENTS
 from cspr_msgs_py.wire.parameter_events import ParameterEvent, decode_parameter_event
 
@@ -46,6 +46,8 @@ class Recording:
         Content of the files in use, by name.
     remarks
         Where the configuration inside the bag differs from the one on disk, one line each.
+    speed
+        Seconds of the machine in a second of the computer; durations and rates in `parameters` are stretched by it.
 
     Raises
     ------
@@ -63,9 +65,14 @@ class Recording:
                 f"{where} holds no {CONTROL_FILE}; name the directory of the configuration in use: --config DIR"
             )
         used, remarks = read_configuration(files, where, None, directory or CONFIGURATION_DIRECTORY)
-        self.remarks = () if directory is not None else remarks
+        self.remarks: tuple[str, ...] = () if directory is not None else remarks
         self.robot = used.robot
         self.parameters = ParameterFile(used.files[CONTROL_FILE], f"{where}: {CONTROL_FILE}")
+        self.speed = float(self.parameters.values("simulated_robot")["speed"])
+        if self.speed != 1.0:
+            self.remarks += (
+                f"the machine ran at {self.speed:g} of real time: parameters are given and shown as in real time",
+            )
         names = {CONTROL_FILE, used.robot_file} & set(used.files)
         self.files = {name: used.files[name].encode() for name in names}
 
@@ -141,11 +148,11 @@ def schedule(
     build
         Makes the settings from the values.
     given
-        Values that hold from the beginning to the end, whatever was recorded.
+        Values that hold from the beginning to the end, whatever was recorded; as for a machine in real time.
 
     Returns
     -------
-    The settings over time, and the values at the start without the given ones.
+    The settings over time, and the values at the start without the given ones, as for a machine in real time.
 
     Raises
     ------
@@ -153,6 +160,7 @@ def schedule(
         If a value does not fit its parameter.
     """
     events = recording.parameter_events(node)
+    given = _in_slow_motion(node, given, recording.speed)
     declared: dict[str, Any] = {}
     for _, event in events:
         declared |= event.declared
@@ -170,4 +178,15 @@ def schedule(
                 settings.append((time, build(parameter_values(node, values, given))))
     except (ControlError, ParameterError) as error:
         raise SettingError(f"{node}: {error}") from error
-    return settings, recorded
+    return settings, _in_slow_motion(node, recorded, 1.0 / recording.speed)
+
+
+def _in_slow_motion(node: str, values: Mapping[str, Any], speed: float) -> dict[str, Any]:
+    """Return values of parameters as a machine at a speed of real time has them, rounded to 12 digits."""
+    rows = node_parameters(node)
+    return {
+        name: float(f"{rows[name].in_slow_motion(value, speed):.12g}")
+        if speed != 1.0 and rows[name].stretch
+        else value
+        for name, value in values.items()
+    }

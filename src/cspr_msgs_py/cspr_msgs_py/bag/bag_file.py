@@ -50,7 +50,7 @@ class Attachment:
 
 
 class BagFile:
-    """A bag being written.
+    """A bag being written; every method that writes raises OSError where that fails.
 
     Parameters
     ----------
@@ -134,13 +134,7 @@ class BagFile:
         }
 
     def add_topic(self, topic: RecordedTopic) -> int:
-        """Add a topic and return its index for :meth:`add_message`.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Add a topic and return its index for :meth:`add_message`."""
         self._declare(topic)
         self._topics.append(topic)
         return len(self._topics) - 1
@@ -148,23 +142,11 @@ class BagFile:
     def add_message(
         self, topic: int, log_time_ns: int, publish_time_ns: int, data: bytes, sequence: int = 0
     ) -> None:
-        """Add a message of the topic with this index.
-
-        Raises
-        ------
-        OSError
-            If a chunk is full and cannot be written.
-        """
+        """Add a message of the topic with this index; what fills a chunk also writes it."""
         self._writer.add_message(topic + 1, sequence, log_time_ns, publish_time_ns, data)
 
     def sync(self) -> None:
-        """Close the chunk in progress and wait until everything is on the disk; start a new file if it is time.
-
-        Raises
-        ------
-        OSError
-            If that fails.
-        """
+        """Close the chunk in progress and wait until everything is on the disk; start a new file if it is time."""
         assert self._stream is not None
         self._writer.end_chunk()
         os.fdatasync(self._stream.fileno())
@@ -174,13 +156,7 @@ class BagFile:
             self.split()
 
     def split(self) -> None:
-        """Finish the current file and continue in a new one.
-
-        Raises
-        ------
-        OSError
-            If either cannot be written.
-        """
+        """Finish the current file and continue in a new one."""
         self._finish({})
         finished = self._counts + self._writer.counts
         self._open()
@@ -190,17 +166,12 @@ class BagFile:
         self.write_metadata()
 
     def close(self, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
-        """Finish the file and write ``metadata.yaml``.
+        """Finish the file and write ``metadata.yaml``; where that fails, what was written before stays readable.
 
         Parameters
         ----------
         notes
             More metadata records by name. What is in them also becomes ``custom_data``, the name in front.
-
-        Raises
-        ------
-        OSError
-            If either cannot be written. What has been written before stays readable.
         """
         for name, values in (notes or {}).items():
             self._information |= {f"{name} {key}": value for key, value in values.items()}
@@ -272,13 +243,7 @@ class BagFile:
         return bag_information(self._files, self._topics, self.counts, self._information)
 
     def write_metadata(self) -> None:
-        """Write ``metadata.yaml`` as the bag is now, for readers of a recording that is still running or was killed.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Write ``metadata.yaml`` as the bag is now, for readers of a recording that is still running or was killed."""
         temporary = self.directory / f".{METADATA_FILE}"
         temporary.write_text(dump({"rosbag2_bagfile_information": self._metadata()}))
         temporary.replace(self.directory / METADATA_FILE)

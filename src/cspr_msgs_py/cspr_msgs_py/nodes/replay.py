@@ -2,13 +2,10 @@
 
 import argparse
 import contextlib
-import math
 import signal
 import sys
 import time
-import warnings
 from collections.abc import Iterable, Sequence
-from functools import partial
 from itertools import chain
 
 import rclpy
@@ -21,13 +18,13 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from cspr_msgs_py.bag.reader import Bag, Message, find_bag
-from cspr_msgs_py.errors import BagError, BagWarning, MessageError, StartError
+from cspr_msgs_py.errors import BagError, MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class
-from cspr_msgs_py.programs.command_line import program_parser, run_program
+from cspr_msgs_py.programs.command_line import number, program_parser, run_program, show_progress
 from cspr_msgs_py.qos import replay_profile
 from cspr_msgs_py.runtime.process import LEAN_NODE
 from cspr_msgs_py.runtime.replay_pace import ReplayPace
-from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard, progress_line
+from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard
 from cspr_msgs_py.topics import MOTOR_STATES, ROSOUT, graph_topics
 from cspr_msgs_py.wire.cdr import NANOSECONDS
 
@@ -73,8 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parse(remove_ros_args(words)[1:])
     rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))  # after the terminal is as it was
-    warnings.showwarning = _show_warning
-    warnings.simplefilter("always", BagWarning)
     try:
         return run_program("replay", lambda: _run(options), (BagError, StartError))
     finally:
@@ -87,7 +82,8 @@ def _run(options: argparse.Namespace) -> None:
         try:
             replay.run()
         finally:
-            progress_line(None)
+            if sys.stderr.isatty():
+                print(file=sys.stderr)  # how far it came stays to be read
 
 
 class Replay:
@@ -262,47 +258,25 @@ class Replay:
         if self._late:
             state += ", slower than that: the computer cannot keep up"
         text = f"{done / NANOSECONDS:.3f} of {length / NANOSECONDS:.3f} s, {state}{remark}"
-        progress_line(done / length, text)
+        show_progress(text, done / length)
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = program_parser("replay", DESCRIPTION, EPILOG, EXIT_STATUS)
     add = parser.add_argument
-    above_zero, from_zero = partial(_number, zero=False), partial(_number, zero=True)
     add("bag", metavar="BAG", type=find_bag, help="a bag, one of its files, or a run's directory")
     add(
-        "--rate",
-        metavar="R",
-        type=above_zero,
-        default=1.0,
+        "--rate", type=number("a rate of 0.001 or more", 0.001), default=1.0, metavar="R",
         help="seconds of the bag per second of real time; default: 1",
-    )
+    )  # fmt: skip
     add("--loop", action="store_true", help="begin again at the end")
     add(
-        "--start",
-        metavar="S",
-        type=from_zero,
-        default=0.0,
+        "--start", type=number("a time in s, 0 or more", 0.0), default=0.0, metavar="S",
         help="begin this many seconds into the bag",
-    )
+    )  # fmt: skip
     add("--topics", metavar="TOPIC", nargs="+", default=[], help="publish only these; default: all")
     add("--paused", action="store_true", help="start paused")
     return parser.parse_args(arguments)
-
-
-def _number(text: str, zero: bool) -> float:
-    """Return a finite number above 0 or, with `zero`, 0 or more."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-    if not (0.0 <= value < math.inf and (value or zero)):
-        raise argparse.ArgumentTypeError(f"{text} is {'negative or infinite' if zero else 'not above 0'}")
-    return value
-
-
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    print(f"replay: {message}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -149,7 +149,7 @@ class ParameterFile:
                     require_heard(where, node, name, heard)
 
     def slow_down(self, speed: float) -> None:
-        """Stretch what depends on the computer's clock for a machine that runs at `speed` of real time."""
+        """Let the simulated machine run at `speed` of real time, and stretch what depends on the computer's clock."""
         for node, values in self._nodes.items():
             for name, value in values.items():
                 row = known_parameter(node, name)
@@ -159,6 +159,7 @@ class ParameterFile:
             for name, row in node_parameters(node).items():
                 if row.stretch and name not in self.of(node):
                     everywhere[name] = row.in_slow_motion(row.default, speed)
+        self.change("simulated_robot", {"speed": speed})
 
     def text(self) -> str:
         """Return the content of a file with these parameters."""

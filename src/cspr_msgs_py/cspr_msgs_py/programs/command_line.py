@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from cspr_msgs_py.errors import shortened
+from cspr_msgs_py.errors import BagWarning, shortened
 
 EXIT_STATUS = "exit status: 0 done, 1 not done, for the reason on stderr, 2 wrong arguments, 130 interrupted"
 _CLOSED_PIPE = 141  # as a shell has it of a program that SIGPIPE has ended
+_BAR = 30  # characters of the progress bar
 
 
 class _Parser(argparse.ArgumentParser):
@@ -49,6 +52,21 @@ def program_parser(
     return parser
 
 
+def number(what: str, least: float, most: float = math.inf) -> Callable[[str], float]:
+    """Return a reader of finite numbers within limits; what it refuses is not ``what``."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and least <= value <= most):
+            raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
+        return value
+
+    return read
+
+
 def output_path(text: str) -> Path:
     """Read a path that is to be written; what cannot be is refused before the work is done, not after it.
 
@@ -81,6 +99,8 @@ def run_program(
 ) -> int:
     """Run the body of a program and return its exit status, with one line on stderr about what ended it.
 
+    What is missing from a bag (`BagWarning`) is said in such a line too.
+
     Parameters
     ----------
     name
@@ -92,9 +112,15 @@ def run_program(
     interrupted
         What Ctrl-C leaves behind, in words; the status is then 130.
     """
+
+    def show_warning(message: Warning | str, *_: object, **__: object) -> None:
+        print(f"{name}: {message}", file=sys.stderr)
+
     try:
         try:
-            return body() or 0
+            with warnings.catch_warnings(action="always", category=BagWarning):
+                warnings.showwarning = show_warning
+                return body() or 0
         finally:
             sys.stdout.flush()
     except BrokenPipeError:  # `| head` has read enough; what is left in the buffer must not be an error
@@ -114,8 +140,17 @@ def run_program(
     return status
 
 
-def show_progress(text: str) -> None:
-    """Show one live line on a terminal, nothing elsewhere; an empty text removes it."""
+def show_progress(text: str, share: float | None = None) -> None:
+    """Show one live line on a terminal, nothing elsewhere; an empty text removes it.
+
+    Parameters
+    ----------
+    text
+        To be shown.
+    share
+        What is done of the whole, from 0 to 1, for a bar in front of the text; None for no bar.
+    """
     if sys.stderr.isatty():
-        sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
+        full = 0 if share is None else round(_BAR * min(max(share, 0.0), 1.0))
+        bar = "" if share is None else f"[{'#' * full}{'.' * (_BAR - full)}] "
+        print(f"\r\x1b[K{bar}{text}", end="", file=sys.stderr, flush=True)

@@ -9,8 +9,7 @@ from pathlib import Path
 from cspr_msgs_py.bag.reader import find_bag
 from cspr_msgs_py.bag.recovery import Recovery, recover
 from cspr_msgs_py.errors import BagError
-from cspr_msgs_py.programs.command_line import output_path, program_parser, run_program
-from cspr_msgs_py.runtime.terminal import progress_line
+from cspr_msgs_py.programs.command_line import output_path, program_parser, run_program, show_progress
 
 DESCRIPTION = """Write what can be read of a damaged bag into a new, whole one, and say what was lost.
 
@@ -34,7 +33,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=output_path,
         help="the whole bag, which must not exist yet; default: BAG_recovered",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress on the terminal")
     options = parser.parse_args(arguments)
     return run_program("recover", lambda: _run(options), (BagError,), "the damaged bag is as it was")
 
@@ -44,13 +42,8 @@ def _run(options: argparse.Namespace) -> None:
     output = options.output or source.resolve().with_name(
         f"{source.resolve().name.partition('.')[0]}_recovered"
     )
-    try:
-        result = recover(
-            source, output, lambda share: None if options.quiet else progress_line(share, "recovering")
-        )
-    finally:
-        if not options.quiet:
-            progress_line(None)
+    result = recover(source, output, lambda share: show_progress("recovering", share))
+    show_progress("")
     print(_report(result))
 
 

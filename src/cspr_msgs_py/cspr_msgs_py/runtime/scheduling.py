@@ -2,6 +2,8 @@
 
 On Linux these belong to a thread, and the middleware has started its threads before a node can ask. For control
 every thread of the process is set; threads started later inherit from the thread that starts them.
+
+Each function returns None when it is done, else why it was refused.
 """
 
 import os
@@ -10,13 +12,7 @@ from pathlib import Path
 
 
 def set_realtime_priority(priority: int) -> str | None:
-    """Put this process under SCHED_FIFO with `priority` (1 to 99).
-
-    Returns
-    -------
-    str or None
-        None when it is done, else why it was refused and which privilege is missing.
-    """
+    """Put this process under SCHED_FIFO with `priority` (1 to 99); a refusal names the privilege that is missing."""
     parameters = os.sched_param(priority)
     try:
         _each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameters))
@@ -36,11 +32,6 @@ def set_cpu(cpu: int) -> str | None:
 
     The threads of an interpreter take turns in any case. Spread over several CPUs they wake one another across
     them, with cold caches: at 250 cycles a second of eight small messages this costs more than the work itself.
-
-    Returns
-    -------
-    str or None
-        None when it is done, else why it was refused.
     """
     try:
         _each_thread(lambda thread: os.sched_setaffinity(thread, {cpu}))
@@ -56,11 +47,6 @@ def set_background(niceness: int) -> str | None:
     This thread and those that it will start also get the nice level `niceness` (0 to 19: the higher, the later).
     The threads of the middleware do not: they share locks and queues in shared memory with every publisher, and
     one that waits long for its turn makes the control loop wait with it.
-
-    Returns
-    -------
-    str or None
-        None when it is done, else why it was refused.
     """
     try:
         _each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0)))

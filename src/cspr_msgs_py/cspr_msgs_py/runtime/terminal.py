@@ -1,4 +1,4 @@
-"""Single keys from the terminal, and a progress bar on one of its lines."""
+"""Single keys from the terminal."""
 
 import os
 import select
@@ -11,8 +11,6 @@ from contextlib import contextmanager
 from typing import Final
 
 RIGHT_ARROW: Final = "\x1b[C"
-
-_WIDTH: Final = 30  # characters of the bar
 
 
 class Keyboard:
@@ -47,22 +45,3 @@ def keyboard() -> Iterator[Keyboard]:
         yield Keyboard(descriptor)
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
-def progress_line(share: float | None, text: str = "") -> None:
-    """Show how much is done on the line of the cursor; nothing when stderr is no terminal.
-
-    Parameters
-    ----------
-    share
-        From 0 to 1; None to end the line.
-    text
-        What stands behind the bar.
-    """
-    if not sys.stderr.isatty():
-        return
-    if share is None:
-        print(file=sys.stderr)
-        return
-    full = round(_WIDTH * min(max(share, 0.0), 1.0))
-    print(f"\r\033[K[{'#' * full}{'.' * (_WIDTH - full)}] {text}", end="", file=sys.stderr, flush=True)

@@ -13,7 +13,6 @@ from cspr_control.analysis.figures import paper as paper_figures
 from cspr_control.analysis.figures import run as run_figures
 from cspr_control.analysis.figures.style import house_style, save_figure
 from cspr_control.analysis.numbers.cycles import cycle_periods
-from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassChange
 from cspr_control.analysis.page.decimation import envelope
 from cspr_control.analysis.run_analysis import RunAnalysis
@@ -100,7 +99,7 @@ def payload_change(run: RunAnalysis) -> tuple[MassChange, NDArray[np.int64], Flo
     if run.predicted is None or run.metrics.mass is None or not run.metrics.mass.changes:
         return None
     change = run.metrics.mass.changes[0]
-    deviation = (run.predicted.dynamic - run.predicted.static)[:, [CABLE_OF_FIGURE_10 - 1]]
+    deviation = run.predicted.deviation[:, [CABLE_OF_FIGURE_10 - 1]]
     counted = run.recording.in_window(run.predicted.time_ns)
     accelerated = np.flatnonzero(counted & (np.abs(deviation[:, 0]) > _NO_DEVIATION))
     if accelerated.size == 0:
@@ -137,7 +136,10 @@ def _cable_lengths(run: RunAnalysis) -> Figure | None:
     states = run.recording.states
     time, angles = _in_window(run, states.time_ns, states.position)
     lengths = run.recording.robot.winch.cable_lengths(angles)
-    return run_figures.cable_lengths_figure(time, lengths) if time.size > 1 else None
+    if time.size < 2:
+        return None
+    change = (lengths - lengths[0], "Change from the start", "length, m")
+    return paper_figures.two_panels(time, (lengths, "Cable lengths", "length, m"), change)
 
 
 def _motor_errors(run: RunAnalysis) -> Figure | None:
@@ -147,17 +149,14 @@ def _motor_errors(run: RunAnalysis) -> Figure | None:
     time, position, velocity = _in_window(run, run.errors.time_ns, *errors)
     if time.size < 2:
         return None
-    return run_figures.motor_errors_figure(time, position, velocity, run.load_changes())
+    above = (position, "Motor position error", "error, deg")
+    below = (velocity, "Motor velocity error", "error, deg/s")
+    return paper_figures.two_panels(time, above, below, run.load_changes(), "motor")
 
 
 def _model_deviation(runs: Sequence[RunAnalysis]) -> Figure | None:
-    statistics = {}
-    for run in runs:
-        if run.predicted is not None:
-            counted = run.recording.in_window(run.predicted.time_ns)
-            if counted.any():
-                deviation = (run.predicted.dynamic - run.predicted.static)[counted]
-                statistics[run.name] = ErrorStatistics.of(deviation)
+    deviations = {run.name: run.model_deviation() for run in runs}
+    statistics = {name: size for name, size in deviations.items() if size is not None}
     return paper_figures.deviation_figure(statistics) if statistics else None
 
 

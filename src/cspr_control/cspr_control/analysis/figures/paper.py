@@ -23,7 +23,7 @@ from cspr_control.analysis.figures.style import (
     controller_title,
     motor_line,
 )
-from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
+from cspr_control.analysis.numbers.error_statistics import ErrorStatistics, before_and_after
 
 Floats = NDArray[np.float64]
 
@@ -151,14 +151,11 @@ def payload_change_figure(
     left.plot(time, deviation, color=COLOURS[0])
     left.set(xlabel="time, s", ylabel="tension, N", title=f"Cable {cable}: dynamic minus static model")
     mark_times(left, {change_time: unit_change})
-    before, after = (
-        ErrorStatistics.of(deviation[part, None]) for part in (time < change_time, time >= change_time)
-    )
-    difference = before - after
-    names = ("maximum", "median", "rms")
     groups = {
-        name: np.array([getattr(one, key)[0] for key in names])
-        for name, one in (("before", before), ("after", after), ("delta = before - after", difference))
+        "delta = before - after" if name == "delta" else name: np.array(
+            [one.maximum[0], one.median[0], one.rms[0]]
+        )
+        for name, one in before_and_after(time, deviation[:, None], change_time).items()
     }
     draw_bars(right, groups, ("maximum", "median", "RMS"), colours=(COLOURS[4], COLOURS[0], EVENT_COLOUR))
     right.axhline(0.0, color="#444444", linewidth=0.8)

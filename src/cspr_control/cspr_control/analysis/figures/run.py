@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cspr_control.analysis.figures.paper import mark_times, two_panels
+from cspr_control.analysis.figures.paper import mark_times
 from cspr_control.analysis.figures.style import (
     EVENT_COLOUR,
     REFERENCE_COLOUR,
@@ -97,20 +97,6 @@ def mass_figure(
         axes[1].set(ylabel="mass, kg", title="Estimated minus true mass")
     axes[-1].set(xlabel="time, s")
     return figure
-
-
-def cable_lengths_figure(time: Floats, lengths: Floats) -> Figure:
-    """Length of each cable (n, m) by its motor's angle, m, and how it changes from the start."""
-    change = (lengths - lengths[0], "Change from the start", "length, m")
-    return two_panels(time, (lengths, "Cable lengths", "length, m"), change)
-
-
-def motor_errors_figure(
-    time: Floats, position: Floats, velocity: Floats, changes: Mapping[float, str] | None = None
-) -> Figure:
-    """Position error, degrees, and velocity error, degrees/s, of each motor (n, m) over time."""
-    above = (position, "Motor position error", "error, deg")
-    return two_panels(time, above, (velocity, "Motor velocity error", "error, deg/s"), changes, "motor")
 
 
 def cycle_histogram_figure(periods: Mapping[str, Floats], nominal: float) -> Figure:

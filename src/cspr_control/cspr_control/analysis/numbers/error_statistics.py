@@ -30,3 +30,9 @@ class ErrorStatistics:
     def __sub__(self, other: ErrorStatistics) -> ErrorStatistics:
         """Return the difference of two statistics."""
         return ErrorStatistics(self.rms - other.rms, self.median - other.median, self.maximum - other.maximum)
+
+
+def before_and_after(time: Floats, error: Floats, change_time: float) -> dict[str, ErrorStatistics]:
+    """Return the statistics of an error (n, m) ``before`` and ``after`` a change, and ``delta``: before minus after."""
+    before, after = (ErrorStatistics.of(error[part]) for part in (time < change_time, time >= change_time))
+    return {"before": before, "after": after, "delta": before - after}

@@ -39,6 +39,11 @@ class PredictedTensions:
     dynamic: Floats
     static: Floats
 
+    @property
+    def deviation(self) -> Floats:
+        """Dynamic less static (n, m), N."""
+        return self.dynamic - self.static
+
     def dynamic_at(self, time_ns: Times) -> Floats:
         """Return the dynamic model's tensions at other times, between the references; shape (k, m)."""
         columns = [np.interp(time_ns, self.time_ns, column) for column in self.dynamic.T]
