@@ -68,7 +68,21 @@ def test_mapping_entries():
 def test_another_order_is_another_frame():
     layout = PdoLayout((TARGET_TORQUE, CONTROL_WORD))
     assert layout.encode(-200, 0x000F) == bytes.fromhex("38 FF 0F 00")
-    assert layout.position(CONTROL_WORD) == 1
+    assert layout.decode(bytes.fromhex("38 FF 0F 00")) == (-200, 0x000F)
+
+
+def test_values_in_another_order_than_the_frame():
+    layout = PdoLayout((TORQUE_ACTUAL, STATUS_WORD, POSITION_ACTUAL), values=DRIVE_TPDO1.objects)
+    frame = bytes.fromhex("E8 03 27 40 FE FF FF FF")
+    assert layout.encode(0x4027, -2, 1000) == frame
+    assert layout.decode(frame) == (0x4027, -2, 1000)
+    assert layout.mapping == (0x60770010, 0x60410010, 0x60640020)
+
+
+@pytest.mark.parametrize("values", [(), (1,), (1, 2, 3)])
+def test_another_number_of_values_is_refused(values):
+    with pytest.raises(FrameError, match="do not fit the frame"):
+        DRIVE_RPDO1.encode(*values)
 
 
 @pytest.mark.parametrize("length", [0, 1, 7, 9])

@@ -218,7 +218,7 @@ def test_a_drive_under_torque_is_not_set_up(config, ports, far_end, wait_until):
     rig.master.start()
     try:
         wait_until(lambda: rig.lines)
-        assert rig.lines[0].startswith("motor_1 (node 1 on main): is in operation_enabled and not set up")
+        assert rig.lines[0].startswith("motor_1 (node 1 on main): is in operation_enabled and not yet set up")
         assert far_end.drives[0].writes == []
     finally:
         rig.master.stop()

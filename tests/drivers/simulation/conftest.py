@@ -182,7 +182,7 @@ class Desk:
     def sync(self) -> None:
         time = self.machine.time_at(self.clock.system())
         self.machine.advance(time)
-        self.node.sync(time)
+        self.node.sync()
 
     def wait(self, duration: float) -> None:
         """Let time pass, with a tick every millisecond."""

@@ -264,7 +264,7 @@ class SimulatedRobot:
 
     def _answer(self, cells: Sequence[LoadCellEmulator]) -> None:
         for cell in cells:
-            cell.answer(self.machine.now())
+            cell.answer()
 
     def _tick(self) -> None:
         moment = self.machine.now()

@@ -8,6 +8,7 @@ Sources: CiA 301 (COB-IDs of the predefined connection set, section 7.3.5; PDO m
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -104,13 +105,17 @@ class PdoLayout:
     ----------
     objects
         The mapped objects, at most 64 bits together.
+    values
+        The same objects in the order in which values are encoded and decoded, when that is not the frame's.
     length
         Bytes of the frame.
     """
 
     objects: tuple[MappedObject, ...]
+    values: tuple[MappedObject, ...] = ()
     length: int = field(init=False)
     _struct: struct.Struct = field(init=False, repr=False, compare=False)
+    _places: Sequence[int] = field(init=False, repr=False, compare=False)  # in the frame, of each value
 
     def __post_init__(self) -> None:
         codec = struct.Struct("<" + "".join(entry.format for entry in self.objects))
@@ -119,32 +124,33 @@ class PdoLayout:
             raise ValueError(f"{names} take {codec.size} bytes, a PDO holds 8")
         object.__setattr__(self, "_struct", codec)
         object.__setattr__(self, "length", codec.size)
+        places = [self.objects.index(entry) for entry in self.values] or range(len(self.objects))
+        object.__setattr__(self, "_places", places)
 
     @property
     def mapping(self) -> tuple[int, ...]:
         """Values of the PDO mapping parameter, subindex 1 first."""
         return tuple(entry.mapping for entry in self.objects)
 
-    def position(self, entry: MappedObject) -> int:
-        """Return the place of an object among the values of `encode` and `decode`."""
-        return self.objects.index(entry)
-
     def encode(self, *values: int) -> bytes:
-        """Return the frame's data for one raw value per object, in the order of `objects`.
+        """Return the frame's data for one raw value per object, in the order of `values`.
 
         Raises
         ------
         FrameError
             If a value does not fit its object, or their number is another.
         """
+        frame = [0] * len(self.objects)
         try:
-            return self._struct.pack(*values)
-        except struct.error as error:
+            for place, value in zip(self._places, values, strict=True):
+                frame[place] = value
+            return self._struct.pack(*frame)
+        except (struct.error, ValueError) as error:
             names = ", ".join(entry.name for entry in self.objects)
             raise FrameError(f"values {values} do not fit the frame of {names}: {error}") from None
 
     def decode(self, data: bytes | bytearray) -> tuple[int, ...]:
-        """Return the raw values of a frame, in the order of `objects`.
+        """Return the raw values of a frame, in the order of `values`.
 
         Raises
         ------
@@ -153,7 +159,8 @@ class PdoLayout:
         """
         if len(data) != self.length:
             raise FrameError(f"frame of {len(data)} bytes where {self.length} were expected")
-        return self._struct.unpack(data)
+        frame = self._struct.unpack(data)
+        return tuple([frame[place] for place in self._places])
 
 
 DRIVE_RPDO1 = PdoLayout((CONTROL_WORD, TARGET_TORQUE))

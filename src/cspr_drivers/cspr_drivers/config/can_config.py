@@ -71,7 +71,7 @@ LoadCellConfig = DeviceConfig[LoadCellUnits]
 
 @dataclass(frozen=True)
 class PdoConfig:
-    """Layouts of the process data objects that are sent in each cycle.
+    """Layouts of the process data objects that are sent in each cycle; values in the order of `STANDARD_LAYOUTS`.
 
     `drive_tpdo_2` is `None` unless the drives send their velocity.
     """
@@ -160,5 +160,6 @@ def _devices(
 
 def _layout(key: str, names: list[str]) -> Any:
     """Return the objects of a frame in the order that the configuration gives them; `None` where it gives none."""
-    known = {entry.name: entry for entry in STANDARD_LAYOUTS[key].objects}
-    return PdoLayout(tuple(known[name] for name in names)) if names else None
+    standard = STANDARD_LAYOUTS[key].objects
+    known = {entry.name: entry for entry in standard}
+    return PdoLayout(tuple(known[name] for name in names), values=standard) if names else None

@@ -118,7 +118,7 @@ class DriveCycle:
         FrameError
             If the frame is cut short or too long, or its status word is that of no state.
         """
-        status, position, torque = self._feedback.decode(data)
+        status, position, torque = self.config.pdo.drive_tpdo.decode(data)
         self.group.feedback(index, status, now)
         if self.watch.is_late(index):
             return None

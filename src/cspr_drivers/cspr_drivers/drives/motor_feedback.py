@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cspr_drivers.canopen.frame_table import POSITION_ACTUAL, STATUS_WORD, TORQUE_ACTUAL
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.drives.report import MotorStates
 
@@ -58,7 +57,7 @@ class MotorFeedback:
     Parameters
     ----------
     config
-        Frame layouts, and the units of each drive.
+        In how many frames the drives answer, and the units of each.
 
     Attributes
     ----------
@@ -70,27 +69,11 @@ class MotorFeedback:
 
     def __init__(self, config: CanConfig) -> None:
         self._drives = config.drives
-        self._layout = config.pdo.drive_tpdo
-        self._places = [
-            self._layout.position(entry) for entry in (STATUS_WORD, POSITION_ACTUAL, TORQUE_ACTUAL)
-        ]
         self.frames = 1 if config.pdo.drive_tpdo_2 is None else 2
         self._difference = PositionDifference(config.velocity_filter) if self.frames == 1 else None
         self.angles = [0.0] * len(config.drives)
         self._speeds = [0.0] * len(config.drives)
         self._torques = [0.0] * len(config.drives)
-
-    def decode(self, data: bytes | bytearray) -> tuple[int, int, int]:
-        """Return status word, position value and torque value of a drive's first frame.
-
-        Raises
-        ------
-        FrameError
-            If the frame is cut short or too long.
-        """
-        values = self._layout.decode(data)
-        status, position, torque = self._places
-        return values[status], values[position], values[torque]
 
     def measured(self, index: int, position: int, torque: int) -> float:
         """Store position and torque value of a drive; return its torque, N m."""

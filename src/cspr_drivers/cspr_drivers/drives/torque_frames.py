@@ -6,7 +6,7 @@ import math
 from enum import Enum
 from typing import NamedTuple
 
-from cspr_drivers.canopen.frame_table import CONTROL_WORD, TARGET_TORQUE, FunctionCode, cob_id
+from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig, DriveConfig
 
 
@@ -91,14 +91,10 @@ class TorqueFrame:
         self._bus = drive.bus
         self._cob_id = cob_id(FunctionCode.RPDO1, drive.node_id)
         self._layout = config.pdo.drive_rpdo
-        self._word_place = self._layout.position(CONTROL_WORD)
-        self._torque_place = self._layout.position(TARGET_TORQUE)
-        self._values = [0, 0]
 
     def make(self, control_word: int, deadline: float, command: tuple[int, int] | None = None) -> Frame:
         """Return the frame of a control word and the present torque."""
-        self._values[self._word_place] = control_word
-        self._values[self._torque_place] = self.torque
         self.sent = True
         self.control_word = control_word
-        return Frame(self._bus, self._cob_id, self._layout.encode(*self._values), deadline, command)
+        data = self._layout.encode(control_word, self.torque)
+        return Frame(self._bus, self._cob_id, data, deadline, command)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 from cspr_drivers.canopen.cia404 import status_text
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency, after
-from cspr_drivers.canopen.frame_table import INPUT_STATUS, PROCESS_VALUE
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_watch import AnswerCounts, CycleWatch
 from cspr_drivers.load_cells.stuck_cells import StuckCells
@@ -68,8 +67,6 @@ class LoadCellCycle:
         self._cells = config.load_cells
         self._silence = config.timeouts.feedback
         self._layout = config.pdo.load_cell_tpdo
-        self._value_place = self._layout.position(PROCESS_VALUE)
-        self._status_place = self._layout.position(INPUT_STATUS)
         self._stuck = StuckCells(count, config.load_cell_checks)
         self._heard = [-math.inf] * count
         self._status = [""] * count  # of the newest value of each cell, empty when it is valid
@@ -112,8 +109,7 @@ class LoadCellCycle:
         FrameError
             If the frame is cut short or too long.
         """
-        values = self._layout.decode(data)
-        value, status = values[self._value_place], values[self._status_place]
+        value, status = self._layout.decode(data)
         low, high = self._spans[index]
         problem = status_text(status) if status else "" if low < value < high else _SATURATED
         self._heard[index] = now

@@ -100,7 +100,7 @@ class EmulatedDevices:
         self.machine.advance(time, exactly=True)
         for drive in self.drives:
             if drive.network is network:
-                drive.sync(time)
+                drive.sync()
         cells = tuple(cell for cell in self.load_cells if cell.network is network)
         for cell in cells:
             cell.latch()

@@ -207,7 +207,7 @@ class RobotEmulator(EmulatedDevices):
             load_cells = self.measure(network, time)
             if self.conversion_time == 0.0:
                 for cell in load_cells:
-                    cell.answer(time)
+                    cell.answer()
                 self._tick_after_sync(time)
             else:
                 self._conversions.put((time, load_cells))
@@ -220,7 +220,7 @@ class RobotEmulator(EmulatedDevices):
             self._clock.sleep(max(0.0, time + self.conversion_time - machine.now()))
             with machine.lock:
                 for cell in load_cells:
-                    cell.answer(time)
+                    cell.answer()
                 try:
                     machine.apply_arrived(machine.now())
                     # Done here, it need not be done at the next SYNC, when the drivers wait for the drives' answers.

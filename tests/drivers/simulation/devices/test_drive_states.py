@@ -1,7 +1,7 @@
 import pytest
 
 from cspr_drivers.canopen.cia402 import State
-from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, Phase
+from cspr_drivers.simulation.devices.drive_states import QUICK_STOP_RAMP, DriveStateMachine, Phase
 from cspr_drivers.simulation.simulation_config import BrakeProperties, DriveProperties
 
 BRAKE = BrakeProperties(open_delay=0.03, close_delay=0.02, holding_torque=1.0)
@@ -12,7 +12,7 @@ S = State
 
 def machine_in(state: State) -> DriveStateMachine:
     """Return an automaton that was led into a state at time 0."""
-    machine = DriveStateMachine(BRAKE, DRIVE)
+    machine = DriveStateMachine(BRAKE, DRIVE, lambda _index: QUICK_STOP_RAMP)
     if state is S.NOT_READY_TO_SWITCH_ON:
         return machine
     machine.advance(-1.0, 0.0)
@@ -121,7 +121,7 @@ def test_power_cut_while_the_brake_closes_does_not_delay_it():
 
 
 def test_first_transition_follows_by_itself():
-    machine = DriveStateMachine(BRAKE, DRIVE)
+    machine = DriveStateMachine(BRAKE, DRIVE, lambda _index: QUICK_STOP_RAMP)
     machine.advance(0.0, 0.0)
     assert machine.state is S.SWITCH_ON_DISABLED
 

@@ -63,4 +63,4 @@ def test_default_mappings_name_objects_that_can_be_mapped(file):
 
 def test_drive_offers_cyclic_synchronous_torque():
     dictionary = canopen.import_od(str(EDS / FILES[0]), 1)
-    assert dictionary[0x6502].default & 1 << 9
+    assert dictionary[0x6502].default == 1 << 9

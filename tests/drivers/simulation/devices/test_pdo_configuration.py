@@ -86,7 +86,8 @@ def test_cob_id_of_a_valid_pdo_cannot_change(desk):
 
 
 @pytest.mark.parametrize(
-    ("index", "kind", "code"), [(0x1400, 0, 0), (0x1400, 241, 1), (0x1800, 0, 1), (0x1800, 240, 0)]
+    ("index", "kind", "code"),
+    [(0x1400, 255, 0), (0x1400, 1, 1), (0x1800, 0, 1), (0x1800, 1, 0), (0x1800, 3, 1), (0x1800, 255, 0)],
 )
 def test_transmission_types(fresh, index, kind, code):
     assert fresh.write(index, 2, kind, 1) == (SdoAbort.INVALID_VALUE if code else 0)

@@ -1,4 +1,4 @@
-"""An emulated servo drive with its motor's holding brake: CiA 402 in the torque modes and homing on the spot."""
+"""An emulated servo drive with its motor's holding brake: CiA 402 in cyclic synchronous torque mode."""
 
 from __future__ import annotations
 
@@ -11,50 +11,46 @@ from canopen.sdo import SdoAbortedError
 
 from cspr_drivers.canopen.cia402 import (
     CYCLIC_SYNCHRONOUS_TORQUE,
+    FOLLOWS_TARGET,
     QUICK_STOP_ON_LOST_CONNECTION,
     STATUS_BITS,
+    VOLTAGE_ENABLED,
     State,
 )
 from cspr_drivers.canopen.nmt import NmtState
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
-from cspr_drivers.simulation.devices.drive_states import DriveStateMachine, OptionCodes, Phase
+from cspr_drivers.simulation.devices.drive_states import (
+    QUICK_STOP_RAMP,
+    SLOW_DOWN_RAMP,
+    DriveStateMachine,
+    Phase,
+)
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import BrakeProperties, DriveProperties
 
-# Status word, object 6041h, besides the bits of the state.
-_VOLTAGE_ENABLED = 1 << 4
+# Status word, object 6041h, besides the bits of the state and those that the master reads.
 _WARNING = 1 << 7
 _REMOTE = 1 << 9
-_TARGET_REACHED = 1 << 10  # profile torque mode
 _INTERNAL_LIMIT = 1 << 11
-_FOLLOWS_COMMAND = 1 << 12  # cyclic synchronous torque mode
-
-_HALT = 1 << 8  # control word, object 6040h
 
 _BRAKE_SET = 1 << 0  # digital outputs, object 60FEh:01
 _INTERLOCK = 1 << 3  # digital inputs, object 60FDh
 
 _NO_MODE = 0  # modes of operation, object 6060h
-_PROFILE_TORQUE = 4
-_LINEAR_RAMP = 0  # torque profile type, object 6088h
 
-# Abort connection option code, object 6007h.
-_NO_ACTION = 0
-_FAULT_SIGNAL = 1
-_DISABLE_VOLTAGE = 2
+_FAULT_SIGNAL = 1  # abort connection option code, object 6007h
 
-# Values that this drive offers of each option code, and where it keeps them. Those that stop at the limit of
-# current or of voltage (3 and 4) are optional, and not offered.
+# Values that this drive offers of each option code: those with which the load ends up on the brake. Those that stop at
+# the limit of current or of voltage (3 and 4) are optional, and not offered.
 _OPTION_CODES = {
-    0x6007: ("", (_NO_ACTION, _FAULT_SIGNAL, _DISABLE_VOLTAGE, QUICK_STOP_ON_LOST_CONNECTION)),
-    0x605A: ("quick_stop", (0, 1, 2, 5, 6)),
-    0x605B: ("shutdown", (0, 1)),
-    0x605C: ("disable_operation", (0, 1)),
-    0x605D: ("halt", (1, 2)),
-    0x605E: ("fault_reaction", (0, 1, 2)),
-    0x6088: ("", (_LINEAR_RAMP,)),
+    0x6007: (_FAULT_SIGNAL, QUICK_STOP_ON_LOST_CONNECTION),
+    0x605A: (SLOW_DOWN_RAMP, QUICK_STOP_RAMP),
+    0x605B: (SLOW_DOWN_RAMP,),
+    0x605C: (SLOW_DOWN_RAMP,),
+    0x605D: (SLOW_DOWN_RAMP, QUICK_STOP_RAMP),  # without effect: the mode has no halt
+    0x605E: (SLOW_DOWN_RAMP, QUICK_STOP_RAMP),
 }
 
 
@@ -107,7 +103,7 @@ class DriveEmulator(EmulatedNode):
         self._units = config.units
         self._damping = drive.quick_stop_damping
         self._brake_open_flag = 1 << can_config.brake_open_bit
-        self._new_automaton = partial(DriveStateMachine, brake, drive)
+        self._new_automaton = partial(DriveStateMachine, brake, drive, self.value)
         self.automaton = self._new_automaton()
         self.emergency_stop = False
         self.warning = False
@@ -120,8 +116,7 @@ class DriveEmulator(EmulatedNode):
         self._new_control_word = False
         self._target_torque = 0
         self._max_torque = self.value(0x6072)
-        self._demand = 0.0
-        self._demand_time = 0.0
+        self._demand = 0  # thousandths of the rated torque
         self._limited = False
         self._angle = self._speed = self._torque = 0.0
         self._outputs = (0.0, 0.0, True)  # what the plant has: torque, damping, brake closed
@@ -135,7 +130,7 @@ class DriveEmulator(EmulatedNode):
             (0x606C, 0): lambda: _wrapped(self._units.counts(self._speed) - self._units.home_counts),
             (0x6071, 0): lambda: self._target_torque,
             (0x6072, 0): lambda: self._max_torque,
-            (0x6074, 0): lambda: round(self._demand),
+            (0x6074, 0): lambda: self._demand,
             (0x6077, 0): lambda: self._units.per_mille(self._torque),
             (0x60FD, 0): lambda: _INTERLOCK if self.emergency_stop else 0,
             (0x60FE, 1): lambda: 0 if self.automaton.brake_open else _BRAKE_SET,
@@ -146,8 +141,8 @@ class DriveEmulator(EmulatedNode):
             (0x6071, 0): partial(setattr, self, "_target_torque"),
             (0x6072, 0): partial(setattr, self, "_max_torque"),
         }
-        for option, (name, allowed) in _OPTION_CODES.items():
-            self.writers[option, 0] = partial(self._write_option, option, name, allowed)
+        for option, allowed in _OPTION_CODES.items():
+            self.writers[option, 0] = partial(self._write_option, option, allowed)
 
     @property
     def mapping_locked(self) -> bool:
@@ -168,30 +163,25 @@ class DriveEmulator(EmulatedNode):
             self._new_control_word = False
             before = self.automaton.state
             may_operate = self._mode != _NO_MODE
-            self.automaton.halted = self._mode == _PROFILE_TORQUE and bool(self._control_word & _HALT)
             reset = self.automaton.command(self._control_word, time, may_operate, not self.emergency_stop)
             resumed = before is State.SWITCH_ON_DISABLED and self.automaton.state is State.READY_TO_SWITCH_ON
             if reset or resumed:
                 self._error_code = 0
                 self.errors_over()
-        self._drive(time)
+        self._drive()
 
     def connection_lost(self, code: EmergencyCode, time: float) -> None:
         """Do what the abort connection option code, 6007h, says, if the drive is in operation."""
         if self.automaton.state is not State.OPERATION_ENABLED:
             return
-        option = self.value(0x6007)
-        if option != _NO_ACTION:
-            self._error_code = int(code)
+        self._error_code = int(code)
         self.emergency(code)
         self._machine.advance(time)
-        if option == QUICK_STOP_ON_LOST_CONNECTION:
+        if self.value(0x6007) == QUICK_STOP_ON_LOST_CONNECTION:
             self.automaton.quick_stop(time)
-        elif option == _DISABLE_VOLTAGE:
-            self.automaton.disable_voltage(time)
-        elif option == _FAULT_SIGNAL:
+        else:
             self.automaton.fault(time)
-        self._drive(time)
+        self._drive()
 
     def fail(self, code: EmergencyCode) -> None:
         """Let the drive find a fault in itself: it stops its motor, closes the brake and is in fault."""
@@ -234,18 +224,15 @@ class DriveEmulator(EmulatedNode):
         self._new_control_word = False
         self._target_torque = 0
         self._max_torque = int(self.object_dictionary[0x6072].default)
-        self.automaton.halted = False
-        self.automaton.options = OptionCodes()
 
     def tick(self, time: float, supervise: bool = True) -> None:
         """Do what is due at a plant time, s; see `EmulatedNode.tick`."""
         super().tick(time, supervise)
-        ramping = self._mode == _PROFILE_TORQUE and self.automaton.follows_target
-        if self.automaton.settled and not ramping:
+        if self.automaton.settled:
             return
         self._machine.advance(time)
         self.automaton.advance(time, self._machine.measure().speeds[self._index])
-        self._drive(time)
+        self._drive()
 
     def apply_faults(self) -> None:
         """Give the plant what the injected faults, just changed, make of the drive's torque."""
@@ -259,19 +246,19 @@ class DriveEmulator(EmulatedNode):
             time = self._machine.now()
             self._machine.advance(time)
             yield time
-            self._drive(time)
+            self._drive()
 
-    def _drive(self, time: float) -> None:
+    def _drive(self) -> None:
         """Give torque, damping and brake to the plant, which stands at the present time."""
         automaton = self.automaton
         if automaton.follows_target:
             if not self.mode_is_lost:
-                self._follow(time)
+                self._demand = max(-self._max_torque, min(self._max_torque, self._target_torque))
+                self._limited = self._demand != self._target_torque
         elif not automaton.powered:
-            self._demand = 0.0
+            self._demand = 0
             self._limited = False
-        self._demand_time = time
-        torque = self._units.torque(round(self._demand))
+        torque = self._units.torque(self._demand)
         if self.runs_away and automaton.follows_target:
             torque = self.runs_away * self._max_torque * self._units.rated_torque / 1000.0
         damping = self._damping * automaton.damping
@@ -287,20 +274,10 @@ class DriveEmulator(EmulatedNode):
             plant.set_brake(self._index, closed)
         self._outputs = outputs
 
-    def _follow(self, time: float) -> None:
-        """Let the torque demand be the target, within the limit, or ramp to it where the mode has a ramp."""
-        goal = max(-self._max_torque, min(self._max_torque, self._target_torque))
-        self._limited = goal != self._target_torque
-        if self._mode == _PROFILE_TORQUE:
-            step = self.value(0x6087) * max(0.0, time - self._demand_time)
-            self._demand += max(-step, min(step, goal - self._demand))
-        else:
-            self._demand = goal
-
     def _status_word(self) -> int:
         word = STATUS_BITS[self.automaton.state]
         if not self.emergency_stop:
-            word |= _VOLTAGE_ENABLED
+            word |= VOLTAGE_ENABLED
         if self.warning:
             word |= _WARNING
         if self.nmt_state is NmtState.OPERATIONAL:
@@ -308,10 +285,7 @@ class DriveEmulator(EmulatedNode):
         if self._limited:
             word |= _INTERNAL_LIMIT
         if self.automaton.follows_target and not self.mode_is_lost:
-            if self._mode == CYCLIC_SYNCHRONOUS_TORQUE:
-                word |= _FOLLOWS_COMMAND
-            elif self._demand == self._target_torque:
-                word |= _TARGET_REACHED
+            word |= FOLLOWS_TARGET
         if self.automaton.brake_open:
             word |= self._brake_open_flag
         return word
@@ -323,18 +297,16 @@ class DriveEmulator(EmulatedNode):
     def _write_mode(self, mode: int) -> None:
         if mode == self._mode:
             return
-        if mode not in (_NO_MODE, _PROFILE_TORQUE, CYCLIC_SYNCHRONOUS_TORQUE):
+        if mode not in (_NO_MODE, CYCLIC_SYNCHRONOUS_TORQUE):
             raise SdoAbortedError(SdoAbort.INVALID_VALUE)
         if self.automaton.powered:
             raise SdoAbortedError(SdoAbort.DEVICE_STATE)
         self._mode = mode
 
-    def _write_option(self, index: int, name: str, allowed: tuple[int, ...], value: int) -> None:
+    def _write_option(self, index: int, allowed: tuple[int, ...], value: int) -> None:
         if value not in allowed:
             raise SdoAbortedError(SdoAbort.INVALID_VALUE)
         self._store(index, 0, value)
-        if name:
-            setattr(self.automaton.options, name, value)
 
 
 def _wrapped(counts: int) -> int:

@@ -1,13 +1,13 @@
 """Finite state automaton of an emulated drive with its power stage and holding brake (CiA 402-2).
 
-Pure: time and speed are arguments. There is torque before the brake opens. Where an option code asks for a ramp,
-the brake holds before the torque goes; where it says "disable drive function", and at "disable voltage", power
-goes at once, and the motor turns freely until the brake has closed.
+Pure: time and speed are arguments. There is torque before the brake opens. Operation ends with a ramp, and the
+brake holds before the torque goes; only at "disable voltage" power goes at once, and the motor turns freely until
+the brake has closed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from enum import Enum, auto
 
 from cspr_drivers.canopen.cia402 import Command, State
@@ -22,27 +22,15 @@ _FAULT_RESET = 1 << 7
 _STATES_WITHOUT_POWER = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
 
 
+QUICK_STOP_OPTION = 0x605A
+FAULT_REACTION_OPTION = 0x605E
+
 # Ways to stop that the option codes 605Ah to 605Eh name alike.
-DISABLE_DRIVE_FUNCTION = 0
 SLOW_DOWN_RAMP = 1
 QUICK_STOP_RAMP = 2
-# 605Ah alone: with the same ramps, but the drive stays in quick stop active under power.
-SLOW_DOWN_AND_STAY = 5
-QUICK_STOP_AND_STAY = 6
 
 _SLOW_DOWN = 0.5  # share of the quick stop's damping that the slow down ramp has; it may take as much longer
 _STANDSTILL_SPEED = 1.0  # rad/s at the motor shaft at which the brake may close: some 2 mm/s of cable
-
-
-@dataclass
-class OptionCodes:
-    """How the drive stops (CiA 402-2, objects 605Ah to 605Eh), as written by the master."""
-
-    quick_stop: int = QUICK_STOP_RAMP
-    shutdown: int = SLOW_DOWN_RAMP
-    disable_operation: int = SLOW_DOWN_RAMP
-    halt: int = SLOW_DOWN_RAMP
-    fault_reaction: int = QUICK_STOP_RAMP
 
 
 class Phase(Enum):
@@ -52,7 +40,6 @@ class Phase(Enum):
     RELEASING = auto()  # torque on, brake about to open
     RUNNING = auto()  # torque on, brake open
     SLOWING = auto()  # the drive stops the motor by itself, brake open
-    STAYING = auto()  # stopped, torque on, brake open, until the master says more
     CLOSING = auto()  # torque on, brake about to hold
     COASTING = auto()  # no torque, brake about to hold
 
@@ -64,6 +51,8 @@ class DriveStateMachine:
     ----------
     brake, drive
         Delays of the brake, and how long the drive may take to stop its motor.
+    option_code
+        Returns the ramp of a quick stop or a fault reaction, by the index of its object.
 
     Attributes
     ----------
@@ -73,22 +62,18 @@ class DriveStateMachine:
         What power stage and brake are doing.
     brake_open
         Whether the brake is open.
-    options
-        How it stops.
-    halted
-        Whether the master asks for a halt (bit 8), in a mode of operation that has one.
     """
 
-    def __init__(self, brake: BrakeProperties, drive: DriveProperties) -> None:
+    def __init__(
+        self, brake: BrakeProperties, drive: DriveProperties, option_code: Callable[[int], int]
+    ) -> None:
         self._brake = brake
         self._stop_time = drive.quick_stop_time
-        self.options = OptionCodes()
+        self._option_code = option_code
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.phase = Phase.OFF
-        self.halted = False
         self._phase_end = 0.0
         self._ramp = QUICK_STOP_RAMP
-        self._stays = False
         self._next_state = State.SWITCH_ON_DISABLED  # taken when the power goes
         self.brake_open = False
         self._last_word = 0
@@ -101,23 +86,20 @@ class DriveStateMachine:
     @property
     def follows_target(self) -> bool:
         """Whether the torque is the target torque; else a powered drive keeps the torque it had."""
-        return self.powered and self.state is State.OPERATION_ENABLED and not self.halted
+        return self.powered and self.state is State.OPERATION_ENABLED
 
     @property
     def damping(self) -> float:
         """How much the drive opposes motion by itself, as a share of the damping of its quick stop."""
-        if not self.powered:
+        slowing = self.phase is Phase.SLOWING
+        if not self.powered or (self.state is State.OPERATION_ENABLED and not slowing):
             return 0.0
-        if self.state is State.OPERATION_ENABLED and self.phase is not Phase.SLOWING:
-            if not self.halted:
-                return 0.0
-            return _SLOW_DOWN if self.options.halt == SLOW_DOWN_RAMP else 1.0
-        return _SLOW_DOWN if self._ramp == SLOW_DOWN_RAMP and self.phase is Phase.SLOWING else 1.0
+        return _SLOW_DOWN if slowing and self._ramp == SLOW_DOWN_RAMP else 1.0
 
     @property
     def settled(self) -> bool:
         """Whether time alone changes nothing."""
-        at_rest = self.phase in (Phase.OFF, Phase.RUNNING, Phase.STAYING)
+        at_rest = self.phase in (Phase.OFF, Phase.RUNNING)
         return at_rest and self.state is not State.NOT_READY_TO_SWITCH_ON
 
     def command(self, word: int, time: float, may_operate: bool, may_switch_on: bool = True) -> bool:
@@ -149,7 +131,8 @@ class DriveStateMachine:
         if self.state is State.OPERATION_ENABLED:
             self._leave_operation(word, time)
         elif self.state is State.QUICK_STOP_ACTIVE:
-            self._leave_quick_stop(word, time)
+            if not word & _ENABLE_VOLTAGE:
+                self.disable_voltage(time)
         elif self.state in _STATES_WITHOUT_POWER and (may_switch_on or not word & _ENABLE_VOLTAGE):
             self._switch(word, time, may_operate)
         return False
@@ -157,14 +140,8 @@ class DriveStateMachine:
     def quick_stop(self, time: float) -> None:
         """Stop by itself as 605Ah says; without power there is nothing to stop."""
         if self.state is State.OPERATION_ENABLED:
-            option = self.options.quick_stop
-            if option == DISABLE_DRIVE_FUNCTION:
-                self._cut_power(State.SWITCH_ON_DISABLED, time)
-                return
-            self._stays = option in (SLOW_DOWN_AND_STAY, QUICK_STOP_AND_STAY)
-            slow = option in (SLOW_DOWN_RAMP, SLOW_DOWN_AND_STAY)
             self.state = State.QUICK_STOP_ACTIVE
-            self._stop(SLOW_DOWN_RAMP if slow else QUICK_STOP_RAMP, State.SWITCH_ON_DISABLED, time)
+            self._stop(self._option_code(QUICK_STOP_OPTION), State.SWITCH_ON_DISABLED, time)
 
     def disable_voltage(self, time: float) -> None:
         """Take power away, as the command "disable voltage" does."""
@@ -176,12 +153,8 @@ class DriveStateMachine:
         if not self.powered:
             self.state = State.FAULT
         elif self.state is not State.FAULT_REACTION_ACTIVE:
-            if self.options.fault_reaction == DISABLE_DRIVE_FUNCTION:
-                self._cut_power(State.FAULT, time)
-                return
             self.state = State.FAULT_REACTION_ACTIVE
-            self._stays = False
-            self._stop(self.options.fault_reaction, State.FAULT, time)
+            self._stop(self._option_code(FAULT_REACTION_OPTION), State.FAULT, time)
 
     def lose_power(self, time: float) -> None:
         """Lose the supply: no torque from now on, and the brake closes by its spring."""
@@ -195,10 +168,7 @@ class DriveStateMachine:
         if self.state is State.NOT_READY_TO_SWITCH_ON:
             self.state = State.SWITCH_ON_DISABLED
         if self.phase is Phase.SLOWING and (abs(speed) < _STANDSTILL_SPEED or time >= self._phase_end):
-            if self._stays:
-                self.phase = Phase.STAYING
-            else:
-                self._close_brake(time)
+            self._close_brake(time)
         elif self.phase is Phase.RELEASING and time >= self._phase_end:
             self.phase = Phase.RUNNING
             self.brake_open = True
@@ -222,39 +192,20 @@ class DriveStateMachine:
             self._phase_end = time + self._brake.open_delay
 
     def _leave_operation(self, word: int, time: float) -> None:
-        command = word & Command.ENABLE_OPERATION
-        if command == Command.ENABLE_OPERATION:
+        if word & Command.ENABLE_OPERATION == Command.ENABLE_OPERATION:
             return
         if not word & _ENABLE_VOLTAGE:
             self.disable_voltage(time)
-            return
-        if not word & _QUICK_STOP:
+        elif not word & _QUICK_STOP:
             self.quick_stop(time)
-            return
-        if word & _SWITCH_ON:
-            option, next_state = self.options.disable_operation, State.SWITCHED_ON
         else:
-            option, next_state = self.options.shutdown, State.READY_TO_SWITCH_ON
-        if option == DISABLE_DRIVE_FUNCTION:
-            self._cut_power(next_state, time)
-        elif self.phase in (Phase.RELEASING, Phase.RUNNING):
-            self._stays = False
-            self._stop(option, next_state, time)
-        else:
-            self._next_state = next_state
-
-    def _leave_quick_stop(self, word: int, time: float) -> None:
-        """Take the transitions out of quick stop active (12 and, where the drive stays in it, 16)."""
-        if not word & _ENABLE_VOLTAGE:
-            self.disable_voltage(time)
-        elif self._stays and word & Command.ENABLE_OPERATION == Command.ENABLE_OPERATION:
-            self.state = State.OPERATION_ENABLED
-            self.phase = Phase.RUNNING
+            next_state = State.SWITCHED_ON if word & _SWITCH_ON else State.READY_TO_SWITCH_ON
+            self._stop(SLOW_DOWN_RAMP, next_state, time)
 
     def _stop(self, ramp: int, next_state: State, time: float) -> None:
         self._ramp = ramp
         self._next_state = next_state
-        if self.phase in (Phase.RUNNING, Phase.STAYING):
+        if self.phase is Phase.RUNNING:
             self.phase = Phase.SLOWING
             share = _SLOW_DOWN if ramp == SLOW_DOWN_RAMP else 1.0
             self._phase_end = time + self._stop_time / share

@@ -259,10 +259,6 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         except FrameError:
             self.emergency(EmergencyCode.PDO_LENGTH)
             return
-        if values is not None:
-            self._apply(pdo, values, time)
-
-    def _apply(self, pdo: ReceivePdo, values: tuple[int, ...], time: float) -> None:
         for writer, value in zip(pdo.writers, values, strict=True):
             try:
                 writer(value)
@@ -270,22 +266,19 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
                 self.emergency(EmergencyCode.PROTOCOL)
         self.applied(time)
 
-    def sync(self, time: float) -> None:
-        """Answer a SYNC at a plant time, s, at which the plant stands."""
+    def sync(self) -> None:
+        """Answer a SYNC; the plant stands at its time."""
         if self.nmt_state is NmtState.OPERATIONAL:
             self.latch()
-            self.answer(time)
+            self.answer()
 
-    def answer(self, time: float) -> None:
-        """Send what was latched at the SYNC of a plant time, s, and apply what waited for it."""
+    def answer(self) -> None:
+        """Send what was latched at the last SYNC."""
         if self.nmt_state is not NmtState.OPERATIONAL:
             return
-        for transmit in self._transmit_pdos:
-            self._transmit(transmit.on_sync())
-        for receive in self._receive_pdos.values():
-            values = receive.take_pending()
-            if values is not None:
-                self._apply(receive, values, time)
+        for pdo in self._transmit_pdos:
+            if pdo.synchronous:
+                self._transmit(pdo.on_sync())
 
     def _transmit(self, message: can.Message | None) -> None:
         if message is None or self.disconnected or self.pdos_missing:

@@ -14,14 +14,12 @@ from canopen import ObjectDictionary
 from canopen.objectdictionary import SIGNED_TYPES, ODVariable
 from canopen.sdo import SdoAbortedError
 
-from cspr_drivers.canopen.frame_table import MappedObject, PdoLayout
+from cspr_drivers.canopen.frame_table import MappedObject, PdoLayout, TransmissionType
 from cspr_drivers.simulation.devices.canopen_codes import SdoAbort
 
 _INVALID = 1 << 31
 _EXTENDED = 1 << 29
 _CAN_ID = 0x7FF
-_LARGEST_SYNCHRONOUS = 240
-_EVENT_DRIVEN = (254, 255)
 
 # CAN-IDs that no PDO may take (CiA 301, section 7.3.5), as closed intervals.
 _RESTRICTED_IDS = (
@@ -41,6 +39,13 @@ class Direction(Enum):
     TRANSMIT = (0x1800, 0x1A00)
 
 
+# What these devices offer of what CiA 301 allows.
+_TRANSMISSION_TYPES = {
+    Direction.RECEIVE: (TransmissionType.EVENT_DRIVEN,),
+    Direction.TRANSMIT: (TransmissionType.EVERY_SYNC, TransmissionType.EVENT_DRIVEN),
+}
+
+
 @dataclass(frozen=True)
 class ActivePdo:
     """A valid PDO with at least one object.
@@ -49,8 +54,8 @@ class ActivePdo:
     ----------
     cob_id
         CAN-ID of its frames.
-    transmission_type
-        1..240: every n-th SYNC (received: with the next SYNC); 254, 255: on events.
+    synchronous
+        Whether each SYNC triggers it, not an event.
     event_timer
         Longest time between two frames, s; 0 when there is none.
     layout
@@ -58,14 +63,9 @@ class ActivePdo:
     """
 
     cob_id: int
-    transmission_type: int
+    synchronous: bool
     event_timer: float
     layout: PdoLayout
-
-    @property
-    def synchronous(self) -> bool:
-        """Whether SYNC triggers it."""
-        return self.transmission_type <= _LARGEST_SYNCHRONOUS
 
 
 class PdoConfiguration:
@@ -119,7 +119,7 @@ class PdoConfiguration:
                 self._mapped_object(direction, value)
         elif subindex == 1:
             self._check_cob_id(index, value, valid)
-        elif subindex == 2 and not _allowed_type(direction, value):
+        elif subindex == 2 and value not in _TRANSMISSION_TYPES[direction]:
             raise SdoAbortedError(SdoAbort.INVALID_VALUE)
 
     def active(self, direction: Direction) -> list[ActivePdo]:
@@ -136,7 +136,7 @@ class PdoConfiguration:
             pdos.append(
                 ActivePdo(
                     cob_id & _CAN_ID,
-                    self._read(communication + number, 2),
+                    self._read(communication + number, 2) == TransmissionType.EVERY_SYNC,
                     self._read(communication + number, 5) * 1e-3,
                     self._layout(direction, number, count),
                 )
@@ -199,9 +199,3 @@ def _place(index: int) -> tuple[Direction, bool, int] | None:
         if base in direction.value:
             return direction, base == direction.value[1], number
     return None
-
-
-def _allowed_type(direction: Direction, value: int) -> bool:
-    # A TPDO of type 0 (after a SYNC, but only on an event) is what these devices do not offer.
-    first = 0 if direction is Direction.RECEIVE else 1
-    return first <= value <= _LARGEST_SYNCHRONOUS or value in _EVENT_DRIVEN

@@ -26,10 +26,9 @@ class ReceivePdo:
     pdo: ActivePdo
     writers: tuple[Callable[[int], None], ...]
     _last_time: float | None = field(default=None, init=False)
-    _pending: tuple[int, ...] | None = field(default=None, init=False)
 
-    def receive(self, data: bytearray, time: float) -> tuple[int, ...] | None:
-        """Take a frame at a time, s; return its values, `None` when they wait for the next SYNC.
+    def receive(self, data: bytearray, time: float) -> tuple[int, ...]:
+        """Take a frame at a time, s; return its values.
 
         Raises
         ------
@@ -38,14 +37,6 @@ class ReceivePdo:
         """
         values = self.pdo.layout.decode(data)
         self._last_time = time
-        if not self.pdo.synchronous:
-            return values
-        self._pending = values
-        return None
-
-    def take_pending(self) -> tuple[int, ...] | None:
-        """Return, once, the values that waited for a SYNC."""
-        values, self._pending = self._pending, None
         return values
 
     def overdue(self, time: float) -> bool:
@@ -71,21 +62,16 @@ class TransmitPdo:
     def __init__(self, pdo: ActivePdo, readers: tuple[Callable[[], int], ...]) -> None:
         self.synchronous = pdo.synchronous
         self._layout = pdo.layout
-        self._every = pdo.transmission_type
         self._event_timer = pdo.event_timer
         self._readers = readers
         # One message object serves every transmission: buses copy or serialise it before `send` returns.
         self._message = CyclicFrame(pdo.cob_id)
-        self._syncs = 0
         self._last_time = 0.0
         self._last_data = b""
 
-    def on_sync(self) -> can.Message | None:
-        """Return the frame that a SYNC asks for, if any."""
-        if not self.synchronous:
-            return None
-        self._syncs = (self._syncs + 1) % self._every
-        return None if self._syncs else self._frame(self._data())
+    def on_sync(self) -> can.Message:
+        """Return the frame that a SYNC asks for."""
+        return self._frame(self._data())
 
     def on_event(self, time: float) -> can.Message | None:
         """Return the frame to send at a time, s, because a value has changed or the event timer ran out."""
