@@ -35,7 +35,6 @@ class LiveRun:
     mass_estimate: float  # kg, at the end
     settling_time: float  # s
     missed: float  # share of the control cycles
-    pace: float  # s of the machine in one of the computer
 
     @staticmethod
     def read(directory: Path) -> LiveRun:
@@ -90,7 +89,6 @@ class LiveRun:
             summary["mass_estimate_final_kg"],
             np.inf if settled is None else settled,
             summary["missed_cycles"] / max(summary["cycles"], 1),
-            pace,
         )
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from enum import StrEnum
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from cspr_control.supervision.supervisor import Decision
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import Status, StatusArray
+
+Word = TypeVar("Word", bound=StrEnum)
 
 REPORT_PERIOD = 1.0
 """Between two diagnostics of a component, s."""
@@ -94,6 +97,14 @@ class Component:
         """Count a message of a topic that cannot be used: its bytes were unreadable, or its numbers make no sense."""
         self.unusable += 1
         self.problem = problem
+
+    def read_word(self, topic: Topic, kind: type[Word], text: str) -> Word | None:
+        """Return the state that a message of a topic names; None, and refused, if there is none of that name."""
+        try:
+            return kind(text)
+        except ValueError:
+            self.refuse(topic, f"{topic.name} carries an unknown state, {text!r}")
+            return None
 
     def begin(self) -> Outputs:
         """Return what is published before anything has arrived: the states of latched topics."""

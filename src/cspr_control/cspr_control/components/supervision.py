@@ -123,10 +123,8 @@ class SupervisionComponent(Component):
         if status is None:
             self.refuse(DRIVE_STATES, f"{DRIVE_STATES.name} carries no status named can_drives")
             return NOTHING
-        try:
-            drives = DriverState(status.message)
-        except ValueError:
-            self.refuse(DRIVE_STATES, f"{DRIVE_STATES.name} carries an unknown state, {status.message!r}")
+        drives = self.read_word(DRIVE_STATES, DriverState, status.message)
+        if drives is None:
             return NOTHING
         self.supervisor.observe_drives(now, drives, status.values.get("cause", ""))
         return self.update(now)
@@ -142,12 +140,8 @@ class SupervisionComponent(Component):
 
     def on_trajectory_state(self, now: float, sample: Status) -> Outputs:
         """Store the phase of the trajectory."""
-        try:
-            self.supervisor.phase = TrajectoryPhase(sample.message)
-        except ValueError:
-            self.refuse(
-                TRAJECTORY_STATE, f"{TRAJECTORY_STATE.name} carries an unknown phase, {sample.message!r}"
-            )
+        phase = self.read_word(TRAJECTORY_STATE, TrajectoryPhase, sample.message)
+        self.supervisor.phase = phase or self.supervisor.phase
         return NOTHING
 
     def on_recorder_state(self, now: float, sample: Status) -> Outputs:

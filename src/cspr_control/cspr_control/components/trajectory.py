@@ -89,13 +89,7 @@ class TrajectoryComponent(Component):
 
     def on_robot_state(self, now: float, sample: Status) -> Outputs:
         """Stop when the motors no longer follow."""
-        try:
-            self._robot_state = RobotState(sample.message)
-        except ValueError:
-            self._robot_state = None
-            self.refuse(
-                topics.ROBOT_STATE, f"{topics.ROBOT_STATE.name} carries an unknown state, {sample.message!r}"
-            )
+        self._robot_state = self.read_word(topics.ROBOT_STATE, RobotState, sample.message)
         if self._robot_state not in FOLLOWING:
             self.player.stop()
         return NOTHING

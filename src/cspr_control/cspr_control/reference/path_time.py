@@ -6,24 +6,13 @@ change of pace with zero slope, so that it adds no jump of acceleration to the m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from cspr_control.reference.quintic import quintic, quintic_integral
 
 
-@dataclass(frozen=True)
-class PathTime:
-    """Path time at one instant.
-
-    Attributes
-    ----------
-    value
-        Time on the path, s.
-    rate
-        Its first derivative, 1 when the path is followed in its own time.
-    acceleration
-        Its second derivative, 1/s.
-    """
+class PathTime(NamedTuple):
+    """Time on the path, s; its rate, 1 when the path is followed in its own time; the derivative of that, 1/s."""
 
     value: float
     rate: float

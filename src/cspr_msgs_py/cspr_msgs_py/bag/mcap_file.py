@@ -46,10 +46,6 @@ _FOOTER: Final = struct.Struct("<QQI")  # start of the summary, of its offsets, 
 _NOTHING: Final = MessageBlock(np.empty(0, dtype=np.uint8), np.empty(0, dtype=np.int64))
 
 
-class _DamageError(ValueError):
-    """The content of a chunk cannot be read."""
-
-
 @dataclass
 class Region:
     """A part of the file that holds messages: a chunk, or a run of messages outside any chunk.
@@ -316,9 +312,9 @@ class McapFile:
             data = content[_CHUNK.size + named + 8 :]
             records = self._decompress(name, data, size)
         except Exception as error:  # each decompressor reports damage with a class of its own
-            raise _DamageError(str(error)) from error
+            raise ValueError(str(error)) from error
         if len(records) != size or (checksum and zlib.crc32(records) != checksum):
-            raise _DamageError("its checksum is wrong")
+            raise ValueError("its checksum is wrong")
         return np.frombuffer(records, np.uint8)
 
     def _decompress(self, name: str, data: memoryview, size: int) -> bytes | memoryview:

@@ -56,7 +56,7 @@ def declare(node: Node, row: NodeParameter, default: Any = None) -> Any:
 
 
 def declare_all(node: Node, table_name: str = "", **node_defaults: Any) -> dict[str, Any]:
-    """Declare the parameters that the table has for a node, but for those declared before.
+    """Declare the parameters that the table has for a node, but for those declared before; raises as `declare` does.
 
     Parameters
     ----------
@@ -70,11 +70,6 @@ def declare_all(node: Node, table_name: str = "", **node_defaults: Any) -> dict[
     -------
     dict
         The value of every parameter of the table by name.
-
-    Raises
-    ------
-    StartError
-        As `declare` does.
     """
     return {
         row.name: node.get_parameter(row.name).value

@@ -65,13 +65,7 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
 
 
 def decode_joint(codec: JointStateCodec, buffer: Bytes) -> JointSample:
-    """Decode the first joint of `codec` of a JointState of any layout.
-
-    Raises
-    ------
-    MessageError
-        As `decode_joint_state`.
-    """
+    """Decode the first joint of `codec` of a JointState of any layout; raises as `decode_joint_state` does."""
     joint = codec.decode_joint(buffer)
     if joint is not None:
         return joint
