@@ -4,10 +4,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cspr_control.reference.catalogue import TrajectoryOptions
+from cspr_control.reference.catalogue import TrajectorySettings
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import Pose, Robot
 from cspr_msgs_py.parameters.table import defaults
+from cspr_msgs_py.vocabulary import TrajectoryName
 
 ROBOT_FILE = Path(__file__).parents[2] / "config" / "robot.yaml"
 
@@ -29,9 +30,9 @@ def limits():
 
 
 @pytest.fixture(scope="session")
-def options(limits):
+def settings(limits):
     goal = Pose.from_euler([0.3, -0.2, 1.2], 0.1, -0.05, 0.08)
-    return TrajectoryOptions(limits, goal, blend_time=1.0, hold_duration=2.0)
+    return TrajectorySettings(TrajectoryName.HOLD, limits, goal, blend_time=1.0, hold_duration=2.0)
 
 
 @pytest.fixture

@@ -8,6 +8,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from cspr_msgs_py.bag.metadata import INFINITE, OfferedQos
 from cspr_msgs_py.topics import Topic
 
+_REPLAY_DEPTH = 10  # messages at least, where the topic is not latched
+
 
 def _profile(depth: int, reliable: bool, latched: bool) -> QoSProfile:
     return QoSProfile(
@@ -54,7 +56,7 @@ def offered_qos(profile: QoSProfile, depth: int = 0) -> OfferedQos:
     )
 
 
-def replay_profile(offered: Sequence[OfferedQos], depth: int = 10) -> QoSProfile:
+def replay_profile(offered: Sequence[OfferedQos]) -> QoSProfile:
     """Return the profile with which to publish a topic of a bag.
 
     What all of its publishers agreed on is offered again; where they differed or nothing is known, the profile
@@ -66,7 +68,7 @@ def replay_profile(offered: Sequence[OfferedQos], depth: int = 10) -> QoSProfile
         # Of late subscribers each is given as many messages: one of each publisher if nothing is known.
         depth = sum(max(profile.depth, 1) for profile in offered)
     else:
-        depth = max([depth, *(profile.depth for profile in offered)])
+        depth = max([_REPLAY_DEPTH, *(profile.depth for profile in offered)])
     profile = _profile(depth, reliable, latched)
     for name in ("deadline", "lifespan"):
         values = {getattr(each, name) for each in offered}

@@ -42,12 +42,12 @@ def drawn(seed: int) -> tuple[Scenario, str, float]:
 def test_it_ends_held(drawn: tuple[Scenario, str, float]) -> None:
     scenario, fault, moment = drawn
     loop = closed_loop(scenario)
-    machine, options = loop.machine, loop.settings.trajectory.options
+    machine, settings = loop.machine, loop.settings.trajectory
     try:
         loop.begin()
         loop.enable()
         loop.time.wait(1.0)
-        loop.play(lambda here: make_trajectory(scenario.trajectory, loop.robot, here, options))
+        loop.play(lambda here: make_trajectory(scenario.trajectory, loop.robot, here, settings))
         loop.time.wait(moment)
         assert loop.state is RobotState.ENABLED, (drawn, loop.cause)
         machine.faults.inject(machine.faults.read(fault))

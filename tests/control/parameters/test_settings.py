@@ -42,7 +42,7 @@ def test_the_shipped_file_makes_the_settings_that_there_are_without_it(file, rob
     assert limits.tension_max == robot.tension_max
     trajectory = trajectory_settings(robot, file.values("trajectory_publisher"))
     assert trajectory.name is TrajectoryName.PAPER_19
-    assert trajectory.options.limits.speed == 0.2
+    assert trajectory.limits.speed == 0.2
 
 
 def test_a_setting_without_its_row_is_missed_in_words(file, robot: Robot) -> None:

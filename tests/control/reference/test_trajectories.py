@@ -39,15 +39,15 @@ def assert_derivatives(trajectory, time):
     np.testing.assert_allclose(now.acceleration.angular, angular, atol=1e-6)
 
 
-def test_a_name_that_nothing_makes_is_refused_in_words(robot, options, monkeypatch):
+def test_a_name_that_nothing_makes_is_refused_in_words(robot, settings, monkeypatch):
     monkeypatch.delitem(catalogue._PRINTED, TrajectoryName.PAPER_18)
     with pytest.raises(TrajectoryError, match=r"paper-18 is not in cspr_control\.reference\.catalogue"):
-        make_trajectory(TrajectoryName.PAPER_18, robot, robot.home, options)
+        make_trajectory(TrajectoryName.PAPER_18, robot, robot.home, settings)
 
 
 @pytest.mark.parametrize("name", list(TrajectoryName), ids=lambda name: name.value)
-def test_velocity_and_acceleration_are_derivatives(name, robot, options):
-    trajectory = make_trajectory(name, robot, robot.home, options)
+def test_velocity_and_acceleration_are_derivatives(name, robot, settings):
+    trajectory = make_trajectory(name, robot, robot.home, settings)
     switch = SWITCHES.get(trajectory.name)
     for time in np.linspace(2 * STEP, trajectory.duration - 2 * STEP, 37):
         if switch is None or abs(time - switch) > 2 * STEP:
@@ -148,8 +148,8 @@ def test_blend_time_must_fit(blend_time):
         SmoothTrajectory(paper_19(CENTER), blend_time)
 
 
-def test_point_to_point_keeps_its_limits_and_reaches_its_goal(limits, options, robot):
-    move = PointToPoint(robot.home, options.goal, limits)
+def test_point_to_point_keeps_its_limits_and_reaches_its_goal(limits, settings, robot):
+    move = PointToPoint(robot.home, settings.goal, limits)
     times = np.linspace(0.0, move.duration, 501)
     points = [move.sample(time) for time in times]
     reached = [
@@ -161,10 +161,10 @@ def test_point_to_point_keeps_its_limits_and_reaches_its_goal(limits, options, r
     ratios = [value / limit for limit, value in reached]
     assert max(ratios) == pytest.approx(1.0, abs=1e-3)
     np.testing.assert_array_equal(points[0].pose.position, robot.home.position)
-    np.testing.assert_array_equal(points[-1].pose.position, options.goal.position)
-    np.testing.assert_allclose(points[-1].pose.rotation, options.goal.rotation)
+    np.testing.assert_array_equal(points[-1].pose.position, settings.goal.position)
+    np.testing.assert_allclose(points[-1].pose.rotation, settings.goal.rotation)
     np.testing.assert_allclose(
-        move.sample(move.duration - 1e-9).pose.rotation, options.goal.rotation, atol=1e-8
+        move.sample(move.duration - 1e-9).pose.rotation, settings.goal.rotation, atol=1e-8
     )
 
 
@@ -174,9 +174,9 @@ def test_point_to_point_without_distance_takes_no_time(robot, limits):
     np.testing.assert_array_equal(move.sample(-1.0).pose.position, robot.home.position)
 
 
-def test_times_outside_the_trajectory_count_as_its_ends(robot, options):
+def test_times_outside_the_trajectory_count_as_its_ends(robot, settings):
     for name in TrajectoryName:
-        trajectory = make_trajectory(name, robot, robot.home, options)
+        trajectory = make_trajectory(name, robot, robot.home, settings)
         for outside, inside in ((-1.0, 0.0), (trajectory.duration + 1.0, trajectory.duration)):
             np.testing.assert_array_equal(
                 trajectory.sample(outside).pose.position, trajectory.sample(inside).pose.position

@@ -150,7 +150,7 @@ def _start(
     player, settings = loop.player, loop.settings
 
     def make(present: Pose) -> Trajectory:
-        trajectory = make_trajectory(scenario.trajectory, loop.robot, present, settings.trajectory.options)
+        trajectory = make_trajectory(scenario.trajectory, loop.robot, present, settings.trajectory)
         if scenario.phase is not None:
             approach = PointToPoint(present, trajectory.sample(0.0).pose, player.limits)
             player.dwell += (-scenario.phase - approach.duration - player.dwell) % (

@@ -3,41 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from cspr_control.components.component import NOTHING, Component, Outputs, Publication, Remark
 from cspr_control.errors import ControlError, TrajectoryError
-from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
+from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import KinematicsError, Motion, Pose, Robot
 from cspr_msgs_py import topics
 from cspr_msgs_py.topics import Topic
-from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryName, TrajectoryPhase
+from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
 from cspr_msgs_py.wire.samples import PoseSample, Status
-
-
-@dataclass(frozen=True)
-class TrajectorySettings:
-    """Settings of the player.
-
-    Attributes
-    ----------
-    name, options
-        Trajectory that the next start plays, and what it needs besides its name.
-    dwell, stop_time, max_gap
-        See `TrajectoryPlayer`; s.
-    """
-
-    name: TrajectoryName
-    options: TrajectoryOptions
-    dwell: float
-    stop_time: float
-    max_gap: float
 
 
 class TrajectoryComponent(Component):
@@ -51,7 +31,7 @@ class TrajectoryComponent(Component):
     robot
         Gives the centre of the paper's trajectories and the workspace.
     settings
-        See `TrajectorySettings`; of those replaced with `configure`, name and options are used.
+        See `TrajectorySettings`; of those replaced with `configure`, dwell, stop_time and max_gap are not used.
     period
         Of the control cycle, s.
     """
@@ -60,9 +40,7 @@ class TrajectoryComponent(Component):
 
     def __init__(self, robot: Robot, settings: TrajectorySettings, period: float) -> None:
         super().__init__("trajectory_publisher", topics.REFERENCE, topics.TRAJECTORY_STATE)
-        self.player = TrajectoryPlayer(
-            settings.options.limits, settings.dwell, settings.stop_time, settings.max_gap
-        )
+        self.player = TrajectoryPlayer(settings.limits, settings.dwell, settings.stop_time, settings.max_gap)
         self._robot = robot
         self._settings = settings
         self._period = round(period * SECOND)
@@ -73,7 +51,7 @@ class TrajectoryComponent(Component):
     def configure(self, settings: TrajectorySettings) -> None:
         """Play another trajectory from the next start on, within other limits."""
         self._settings = settings
-        self.player.limits = settings.options.limits
+        self.player.limits = settings.limits
 
     def begin(self) -> Outputs:
         """Return the state in which the player begins."""
@@ -86,9 +64,7 @@ class TrajectoryComponent(Component):
     def start(self, now: float) -> tuple[Decision, Outputs]:
         """Begin the trajectory of the settings; refused while the robot is not enabled."""
         settings = self._settings
-        return self.play(
-            lambda present: make_trajectory(settings.name, self._robot, present, settings.options)
-        )
+        return self.play(lambda present: make_trajectory(settings.name, self._robot, present, settings))
 
     def play(self, make: Callable[[Pose], Trajectory]) -> tuple[Decision, Outputs]:
         """Begin the trajectory that is made for the pose at which the reference rests; refused as `start` is."""

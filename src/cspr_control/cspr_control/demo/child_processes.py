@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from types import TracebackType
 
 from cspr_control.errors import ControlError
+
+_LAST_LINES = 12  # of its log that an error shows
 
 
 class ChildProcesses:
@@ -42,13 +43,7 @@ class ChildProcesses:
     ) -> None:
         self.end()
 
-    def start(
-        self,
-        name: str,
-        module: str,
-        arguments: Sequence[str] = (),
-        environment: Mapping[str, str] | None = None,
-    ) -> None:
+    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> None:
         """Start `python -m module arguments...` under a name."""
         self._log_directory.mkdir(parents=True, exist_ok=True)
         with open(self.log(name), "wb") as log:
@@ -57,7 +52,6 @@ class ChildProcesses:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, **(environment or {})},
                 start_new_session=True,
             )
 
@@ -95,9 +89,9 @@ class ChildProcesses:
                 child.kill()
                 child.wait()
 
-    def _last_words(self, name: str, lines: int = 12) -> str:
+    def _last_words(self, name: str) -> str:
         text = self.log(name).read_text(encoding="utf-8", errors="replace")
-        return "\n".join(f"  {line}" for line in text.strip().splitlines()[-lines:])
+        return "\n".join(f"  {line}" for line in text.strip().splitlines()[-_LAST_LINES:])
 
 
 def _status_text(status: int) -> str:

@@ -21,14 +21,11 @@ from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Robot
 from cspr_msgs_py.errors import MessageError, NodeError
 from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer, subscribe_raw
-from cspr_msgs_py.topics import DIAGNOSTICS, JOINT_STATE, MULTI_DOF_TRAJECTORY, Topic
+from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import Bytes
-from cspr_msgs_py.wire.conversion import decode_joint_state, decode_reference
+from cspr_msgs_py.wire.conversion import decoder
 from cspr_msgs_py.wire.topic_codecs import topic_codec
-
-_ANY_LAYOUT = {JOINT_STATE: decode_joint_state, MULTI_DOF_TRAJECTORY: decode_reference}
-"""What also decodes messages of foreign publishers, whose layout is another than the graph's own."""
 
 _LAST_WORD = 0.5
 """How long a node that ends waits for the answer to what makes the robot safe, s."""
@@ -68,7 +65,7 @@ class Wiring:
         for service in component.calls:
             self._clients[service] = node.create_client(Trigger, service)
         for topic in self.graph.add(component):
-            decode, routes = _decoder(topic, number_of_motors), self.graph.routes(topic)
+            decode, routes = decoder(topic, number_of_motors), self.graph.routes(topic)
             subscribe_raw(node, topic, partial(self._on_message, topic, decode, routes))
         for service, command in component.services().items():
             node.create_service(Trigger, service, partial(self._on_command, component.name, command))
@@ -210,9 +207,3 @@ class ComponentNode(Node):
 def executable(create: Callable[[], Node]) -> Callable[[], int]:
     """Return the ``main`` that runs one node until SIGINT or SIGTERM."""
     return lambda: run_nodes(lambda: [create()])
-
-
-def _decoder(topic: Topic, number_of_motors: int) -> Callable[[Bytes], Any]:
-    codec = topic_codec(topic, number_of_motors)
-    any_layout: Any = _ANY_LAYOUT.get(topic.type)
-    return codec.decode if any_layout is None else partial(any_layout, codec.layout)

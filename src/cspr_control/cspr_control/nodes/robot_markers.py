@@ -35,7 +35,7 @@ from cspr_control.markers.robot_markers import (
 from cspr_control.motors.feedforward import checked_payload
 from cspr_control.nodes.parameters import declare_robot
 from cspr_control.parameters.experiment import TRAJECTORIES
-from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
+from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import KinematicsError, Pose
 from cspr_kinematics.warm_up import warm_up
@@ -52,9 +52,7 @@ from cspr_msgs_py.runtime.process import (
 )
 from cspr_msgs_py.topics import Topic
 from cspr_msgs_py.vocabulary import Level, TrajectoryName
-from cspr_msgs_py.wire.conversion import decode_joint_state, decode_reference
-from cspr_msgs_py.wire.joint_state import JointStateCodec
-from cspr_msgs_py.wire.reference import ReferenceCodec
+from cspr_msgs_py.wire.conversion import decoder
 from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, Status
 
 _PERIOD = 0.1  # s
@@ -78,10 +76,6 @@ class RobotMarkers(Node):
         self._robot = declare_robot(self)
         warm_up(self._robot)
         trail = declare_all(self)["trail"]
-        self._tensions_codec = JointStateCodec(
-            topics.cable_names(self._robot.number_of_cables), position=False, velocity=False
-        )
-        self._reference_codec = ReferenceCodec()
         self._newest: dict[Topic, tuple[float, Any]] = {}  # with the time of arrival
         self._path: deque[NDArray[np.float64]] = deque(maxlen=round(trail / _PERIOD))
         self._trajectory_name = ""
@@ -93,7 +87,9 @@ class RobotMarkers(Node):
         subscribe_samples(self, topics.PAYLOAD, self._on_payload)
         subscribe_samples(self, topics.TRAJECTORY_STATE, self._on_trajectory_state)
         # decoded ten times a second, not each time that one arrives
-        for topic in (topics.CABLE_TENSIONS, topics.REFERENCE):
+        m = self._robot.number_of_cables
+        self._decode = {topic: decoder(topic, m) for topic in (topics.CABLE_TENSIONS, topics.REFERENCE)}
+        for topic in self._decode:
             subscribe_raw(self, topic, partial(self._keep, topic))
         report_health(self, self._status)
         steady_timer(self, _PERIOD, self._publish)
@@ -131,9 +127,10 @@ class RobotMarkers(Node):
         if name not in TRAJECTORIES:
             return
         # speeds do not change the path; where it runs is in the robot's file
-        options = TrajectoryOptions(MotionLimits(1.0, 1.0, 1.0, 1.0), self._robot.home)
+        home, chosen = self._robot.home, TrajectoryName(name)
+        settings = TrajectorySettings(chosen, MotionLimits(1.0, 1.0, 1.0, 1.0), home)
         try:
-            trajectory = make_trajectory(TrajectoryName(name), self._robot, self._robot.home, options)
+            trajectory = make_trajectory(chosen, self._robot, home, settings)
         except ControlError as error:
             self._problem = str(error)
             return
@@ -162,12 +159,12 @@ class RobotMarkers(Node):
         robot, tensions = self._robot, None
         shapes = [platform_shape(robot, pose)]
         if (message := self._recent(topics.CABLE_TENSIONS)) is not None:
-            tensions = decode_joint_state(self._tensions_codec, message).effort
+            tensions = self._decode[topics.CABLE_TENSIONS](message).effort
         shapes.append(cable_shape(robot, pose, tensions))
         if (payload := self._recent(topics.PAYLOAD)) is not None:
             shapes += payload_shapes(pose, payload)
         if (message := self._recent(topics.REFERENCE)) is not None:
-            sample = decode_reference(self._reference_codec, message)
+            sample = self._decode[topics.REFERENCE](message)
             reference = Pose.from_quaternion(sample.position, sample.quaternion_xyzw)
             shapes.append(platform_shape(robot, reference, "reference", REFERENCE_COLOUR))
         if len(self._path) >= 2:

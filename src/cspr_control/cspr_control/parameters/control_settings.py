@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from cspr_control.components.trajectory import TrajectorySettings
 from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings
 from cspr_control.motors.motor_control import MotorGains
@@ -18,6 +17,7 @@ from cspr_control.parameters.settings import (
     supervision_limits,
     trajectory_settings,
 )
+from cspr_control.reference.catalogue import TrajectorySettings
 from cspr_control.supervision.checks import SupervisionLimits
 from cspr_kinematics import Robot
 from cspr_msgs_py.parameters.file import ParameterFile

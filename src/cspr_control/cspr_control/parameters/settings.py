@@ -11,12 +11,11 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from cspr_control.components.trajectory import TrajectorySettings
 from cspr_control.errors import SettingError, TrajectoryError
 from cspr_control.estimation.payload import EstimatorSettings
 from cspr_control.motors.feedforward import FeedforwardSettings, checked_payload
 from cspr_control.motors.motor_control import MotorGains
-from cspr_control.reference.catalogue import TrajectoryOptions, make_trajectory
+from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_kinematics import Pose, Robot, bounded_methods
@@ -85,20 +84,19 @@ def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySe
     ControlError, cspr_kinematics.KinematicsError
         If they do not fit the robot: what does not is refused now rather than at the start.
     """
-    name = TrajectoryName(values["trajectory"])
     home = {"move_position": robot.home.position, "move_orientation": robot.home.euler}
     goal = home | {vector: values[vector] for vector in home if vector in values}
     for vector, elements in goal.items():
         if len(elements) != 3:
             raise TrajectoryError(f"{vector} has {len(elements)} elements; 3 are needed")
-    options = TrajectoryOptions(
-        limits=_of(MotionLimits, values),
-        goal=Pose.from_euler(goal["move_position"], *goal["move_orientation"]),
-        blend_time=values["blend_time"],
-        hold_duration=values["hold_duration"],
-    )
-    make_trajectory(name, robot, robot.home, options)
-    return TrajectorySettings(name, options, values["dwell"], values["stop_time"], values["max_gap"])
+    converted = {
+        "name": TrajectoryName(values["trajectory"]),
+        "limits": _of(MotionLimits, values),
+        "goal": Pose.from_euler(goal["move_position"], *goal["move_orientation"]),
+    }
+    settings = _of(TrajectorySettings, values, converted)
+    make_trajectory(settings.name, robot, robot.home, settings)
+    return settings
 
 
 def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLimits:

@@ -21,23 +21,29 @@ _DEFAULT = defaults("trajectory_publisher")
 
 
 @dataclass(frozen=True)
-class TrajectoryOptions:
-    """What the trajectories need besides their name.
+class TrajectorySettings:
+    """Settings of the player, and of the trajectories that it plays.
 
     Attributes
     ----------
+    name
+        What the next start plays.
     limits
         Limits of `PointToPoint` motions.
     goal
         Where ``move`` leads.
-    blend_time, hold_duration
+    blend_time, hold_duration, dwell, stop_time, max_gap
         In s, see `cspr_msgs_py.parameters.table`.
     """
 
+    name: TrajectoryName
     limits: MotionLimits
     goal: Pose
     blend_time: float = _DEFAULT["blend_time"]
     hold_duration: float = _DEFAULT["hold_duration"]
+    dwell: float = _DEFAULT["dwell"]
+    stop_time: float = _DEFAULT["stop_time"]
+    max_gap: float = _DEFAULT["max_gap"]
 
 
 _PRINTED: dict[TrajectoryName, Callable[[NDArray[np.float64]], PaperTrajectory]] = {
@@ -53,33 +59,33 @@ _SMOOTH = {
 
 
 def make_trajectory(
-    name: TrajectoryName, robot: Robot, present: Pose, options: TrajectoryOptions
+    name: TrajectoryName, robot: Robot, present: Pose, settings: TrajectorySettings
 ) -> Trajectory:
     """Build a trajectory and check that it stays inside the robot's workspace.
 
     Parameters
     ----------
     name
-        Which one.
+        Which one, whatever the next start plays by the settings.
     robot
         Gives the centre of the paper's trajectories and the workspace.
     present
         Pose at which ``hold`` stays and from which ``move`` starts.
-    options
+    settings
         The rest.
 
     Raises
     ------
     TrajectoryError
-        If the options do not fit, or the trajectory leaves the workspace.
+        If the settings do not fit, or the trajectory leaves the workspace.
     """
     trajectory: Trajectory
     if name is TrajectoryName.HOLD:
-        return Hold(present, options.hold_duration)
+        return Hold(present, settings.hold_duration)
     if name is TrajectoryName.MOVE:
-        trajectory = PointToPoint(present, options.goal, options.limits)
+        trajectory = PointToPoint(present, settings.goal, settings.limits)
     elif name in _SMOOTH:
-        trajectory = SmoothTrajectory(_PRINTED[_SMOOTH[name]](robot.trajectory_center), options.blend_time)
+        trajectory = SmoothTrajectory(_PRINTED[_SMOOTH[name]](robot.trajectory_center), settings.blend_time)
     elif name in _PRINTED:
         trajectory = _PRINTED[name](robot.trajectory_center)
     else:

@@ -44,7 +44,6 @@ _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 def run_nodes(
     factory: Callable[[], Sequence[Node]],
-    args: Sequence[str] | None = None,
     *,
     realtime: bool = True,
     asked_before: Heard = MappingProxyType({}),
@@ -60,8 +59,6 @@ def run_nodes(
     ----------
     factory : callable
         Creates the nodes; called when rclpy is initialised.
-    args : sequence of str, optional
-        Command line with the program's name first; that of the process by default.
     realtime : bool
         Whether the nodes have the parameter ``realtime_priority``, which puts the process under SCHED_FIFO.
         All have the parameter ``cpu``, which binds the process to one CPU.
@@ -74,8 +71,8 @@ def run_nodes(
         0 after SIGINT or SIGTERM, 1 after an error or with a parameter that no node here takes, 2 for arguments and
         parameters that nobody knows.
     """
-    arguments = list(sys.argv if args is None else args)
-    program = os.path.basename(arguments[0]) if arguments else "node"
+    arguments = sys.argv
+    program = os.path.basename(arguments[0])
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl reports arguments and parameter files with its own kinds of error

@@ -6,6 +6,8 @@ the codec has; what is missing or ambiguous is an error, never a guess.
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,11 +17,19 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from cspr_msgs_py.errors import MessageError
-from cspr_msgs_py.topics import BASE_FRAME, PLATFORM_FRAME
+from cspr_msgs_py.topics import BASE_FRAME, JOINT_STATE, MULTI_DOF_TRAJECTORY, PLATFORM_FRAME, Topic
 from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes
 from cspr_msgs_py.wire.joint_state import FIELDS, JointSample, JointStateCodec, JointStateSample
 from cspr_msgs_py.wire.message_values import motion, nanoseconds
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
+from cspr_msgs_py.wire.topic_codecs import topic_codec
+
+
+def decoder(topic: Topic, number_of_motors: int) -> Callable[[Bytes], Any]:
+    """Return what decodes the messages of a topic to its samples (`topic_codec`), in a foreign layout as well."""
+    codec = topic_codec(topic, number_of_motors)
+    any_layout: Any = _ANY_LAYOUT.get(topic.type)
+    return codec.decode if any_layout is None else partial(any_layout, codec.layout)
 
 
 def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSample:
@@ -100,6 +110,10 @@ def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
         nanoseconds(point.time_from_start) / NANOSECONDS,
         *map(_read_only, motion(point, joint)),
     )
+
+
+_ANY_LAYOUT = {JOINT_STATE: decode_joint_state, MULTI_DOF_TRAJECTORY: decode_reference}
+"""What decodes messages whose layout is constant in the graph, by their type."""
 
 
 def _deserialized(buffer: Bytes, kind: type, name: str) -> Any:

@@ -64,12 +64,12 @@ class ReferenceCodec(Frame):
     ``duration_nanoseconds`` of time_from_start, and the vectors of a sample.
     """
 
-    def __init__(self, frame_id: str = BASE_FRAME, joint_name: str = PLATFORM_FRAME) -> None:
+    def __init__(self) -> None:
         template = Template()
         self._stamp_offset = template.place_time()
-        template.string(frame_id)
+        template.string(BASE_FRAME)
         template.count(1)
-        template.string(joint_name)
+        template.string(PLATFORM_FRAME)
         template.count(1)  # points
         offsets = []
         for name, size in VECTORS.items():

@@ -130,10 +130,10 @@ def mass_metrics(estimate: MassTrace, truth: MassTrace | None, origin_ns: int) -
     )
 
 
-def settling_time(estimate: MassTrace, truth: MassTrace, tolerance: float = MASS_TOLERANCE) -> float | None:
-    """Time from the last change of the true mass until the estimate is within a tolerance of it for good, s.
+def settling_time(estimate: MassTrace, truth: MassTrace) -> float | None:
+    """Time from the last change of the true mass until the estimate is within the band around it for good, s.
 
-    The tolerance is a share of the true mass, and `LEAST_TOLERANCE` at least.
+    The band is `MASS_TOLERANCE` of the true mass, and `LEAST_TOLERANCE` at least.
 
     None when it never is, and when the estimate's record ends before the change. With no change in the record, the
     time runs from the beginning of the estimate's record.
@@ -143,7 +143,7 @@ def settling_time(estimate: MassTrace, truth: MassTrace, tolerance: float = MASS
     if not after.any():
         return None
     final = float(truth.mass[-1])
-    outside = np.abs(estimate.mass[after] - final) > max(tolerance * final, LEAST_TOLERANCE)
+    outside = np.abs(estimate.mass[after] - final) > max(MASS_TOLERANCE * final, LEAST_TOLERANCE)
     if outside[-1]:
         return None
     stamps = estimate.stamp_ns[after]
