@@ -143,7 +143,7 @@ def test_an_interface_that_is_removed_and_made_again_is_taken_up_whoever_hears_o
 def test_a_port_names_the_interface_that_is_down_and_an_error_frame(interface, raw, ip):
     port = CanPort("main", QuickSocketCan(interface, {0x181}))
     failures = []
-    port.on_failure(failures.append)
+    port.on_failure = failures.append
     try:
         raw(CHANNEL).send(0x20000000 | 0x40, bytes(8))  # CAN_ERR_FLAG, CAN_ERR_BUSOFF of linux/can/error.h
         end = time.monotonic() + PATIENCE

@@ -211,7 +211,7 @@ def test_error_frames_in_words(kind, data, words):
 
 def test_bus_off_is_a_failure_of_the_bus(full_port):
     failures = []
-    full_port.on_failure(failures.append)
+    full_port.on_failure = failures.append
     full_port.receive(can.Message(arbitration_id=0x004, is_error_frame=True, data=bytes(8)))
     assert failures == []
     full_port.receive(can.Message(arbitration_id=0x040, is_error_frame=True, data=bytes(8)))

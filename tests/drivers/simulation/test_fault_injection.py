@@ -40,7 +40,7 @@ def test_every_fault_is_known_by_its_name_and_its_target(injector, fault):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "there is no fault ''; `cspr closed_loop --help` lists them"),
+        ("", "no fault is named, such as drive_silent motor_3; `cspr closed_loop --help` lists them"),
         ("drive_silnt motor_1", "there is no fault 'drive_silnt'"),
         ("drive_silent", "'' is not a valid place; use 'drive_silent PLACE' with one of motor_1"),
         ("drive_silent motor_2", "'motor_2' is not a valid place"),

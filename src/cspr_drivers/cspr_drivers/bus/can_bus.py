@@ -70,6 +70,8 @@ class CanPort:
         The newest problem that was counted, in words; empty without any.
     failure
         Why the interface takes no frames at all, in words, until one is sent again; empty otherwise.
+    on_failure
+        Called, in the receiving thread, with the reason when the bus no longer carries frames; `None` for nobody.
     """
 
     def __init__(
@@ -86,11 +88,11 @@ class CanPort:
         self.bus_errors = 0
         self.last_problem = ""
         self.failure = ""
+        self.on_failure: Callable[[str], None] | None = None
         self._bus = bus
         self._handlers: dict[int, FrameHandler] = {}
         self._known = frozenset(known_cob_ids)
         self._closed = threading.Event()
-        self._failure_handlers: list[Callable[[str], None]] = []
         # Both clocks are read together at each SYNC, see `note_sync`.
         self._wall_to_monotonic = clock.monotonic() - clock.system()
         # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
@@ -105,14 +107,6 @@ class CanPort:
     def unsubscribe(self, cob_id: int) -> None:
         """Stop passing on the frames of a COB-ID."""
         self._handlers.pop(cob_id, None)
-
-    def on_failure(self, handler: Callable[[str], None]) -> None:
-        """Call `handler`, in the receiving thread, with the reason when the bus no longer carries frames."""
-        self._failure_handlers.append(handler)
-
-    def off_failure(self, handler: Callable[[str], None]) -> None:
-        """Stop calling a handler."""
-        self._failure_handlers.remove(handler)
 
     @property
     def dropped_frames(self) -> int:
@@ -199,7 +193,8 @@ class CanPort:
             self._closed.wait(0.1)
 
     def _failed(self, problem: str) -> None:
-        for handler in self._failure_handlers:
+        handler = self.on_failure
+        if handler is not None:
             handler(problem)
 
     def _forget_failure(self) -> None:

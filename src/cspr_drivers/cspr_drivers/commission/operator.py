@@ -127,21 +127,10 @@ class Operator:
 
 
 QUESTIONS = (
-    *(
-        "resume",
-        "keep",
-        "supported",
-        "turn",
-        "winch",
-        "way",
-        "mark",
-        "measured",
-        "pull",
-        "again",
-        "cell",
-        "slack",
-    ),
-    *("weights", "hang", "taken-off", "home", "write"),
+    *("resume", "keep", "write"),  # the walk as a whole
+    *("supported", "turn", "winch", "way", "mark", "measured"),  # winches and their scales
+    *("pull", "again", "cell", "slack", "weights", "hang", "taken-off"),  # load cells and brakes
+    "home",
 )
 """What a walk asks: the first words of the keys, which a device or a number of a cable may follow after a point."""
 

@@ -74,6 +74,12 @@ class CanopenDevice:
     ----------
     clock
         Clock of the machine, as of the bus.
+
+    Raises
+    ------
+    DeviceError
+        From all methods that read, write or send a command: if the device does not answer, refuses, or answers with
+        fewer bytes than the object has, or the bus does not take the frame.
     """
 
     def __init__(
@@ -110,13 +116,7 @@ class CanopenDevice:
     # Objects
 
     def read(self, parameter: Parameter) -> int:
-        """Return the number in an object; the parameter's value does not matter.
-
-        Raises
-        ------
-        DeviceError
-            If the device does not answer, refuses, or answers with fewer bytes than the object has.
-        """
+        """Return the number in an object; the parameter's value does not matter."""
         data = self._transfer(parameter, "read", _ATTEMPTS, self._node.sdo.upload)
         if 8 * len(data) < parameter.bits:
             raise DeviceError(
@@ -125,7 +125,7 @@ class CanopenDevice:
         return parameter.decode(data)
 
     def read_if_present(self, parameter: Parameter) -> int | None:
-        """Return the number in an object, `None` if the device has no such object; else as `read`."""
+        """Return the number in an object, `None` if the device has no such object."""
         try:
             return self.read(parameter)
         except DeviceError as error:
@@ -134,14 +134,7 @@ class CanopenDevice:
             raise
 
     def check(self, expected: Iterable[Parameter], error: type[DeviceError] = DeviceError) -> None:
-        """Read objects and compare them.
-
-        Raises
-        ------
-        DeviceError
-            If the device does not answer, or lacks an object; `error`, such as WrongDeviceError, if an object has
-            another value than expected: the message has both.
-        """
+        """Read objects and raise `error`, such as WrongDeviceError, with both values, if one is not as expected."""
         for parameter in expected:
             found = self.read(parameter)
             if not parameter.agrees(found):
@@ -151,35 +144,23 @@ class CanopenDevice:
                 )
 
     def differing(self, settings: Iterable[Setting]) -> list[Setting]:
-        """Return the settings of which some object does not have its value yet; raises as `read`."""
+        """Return the settings of which some object does not have its value yet."""
         return [s for s in settings if not all(entry.agrees(self.read(entry)) for entry in s.result)]
 
     def write(self, parameter: Parameter) -> None:
-        """Write an object; raises as `read`."""
+        """Write an object."""
         attempts = _ATTEMPTS if parameter.repeatable else 1
         self._transfer(parameter, f"= {parameter.value}", attempts, self._node.sdo.download, parameter.data)
 
     def set(self, settings: Iterable[Setting]) -> None:
-        """Write settings in order, and read each back.
-
-        Raises
-        ------
-        DeviceError
-            If the device does not answer, refuses, or does not keep what was written.
-        """
+        """Write settings in order, and read each back; raises DeviceError also if one is not kept."""
         for setting in settings:
             for parameter in setting.writes:
                 self.write(parameter)
             self.check(setting.result)
 
     def wait_for(self, expected: Parameter) -> None:
-        """Read an object until it has a value, for as long as an SDO answer may take.
-
-        Raises
-        ------
-        DeviceError
-            As `check`, if it does not get that value in time.
-        """
+        """Read an object until it has a value, for as long as an SDO answer may take; raises as `check` after that."""
         deadline = self.clock.monotonic() + self._sdo_timeout
         while True:
             try:
@@ -194,13 +175,7 @@ class CanopenDevice:
     # Network management
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command; it is not confirmed, but the heartbeat shows its effect.
-
-        Raises
-        ------
-        DeviceError
-            If the bus does not take the frame.
-        """
+        """Send an NMT command; it is not confirmed, but the heartbeat shows its effect."""
         self._started = None
         try:
             self._node.nmt.send_command(command)
@@ -208,13 +183,13 @@ class CanopenDevice:
             raise DeviceError(self.name, f"cannot be sent an NMT command: {error}") from None
 
     def start(self) -> None:
-        """Send the command to start, and count the heartbeat's age from now on; raises as `command`."""
+        """Send the command to start, and count the heartbeat's age from now on."""
         self._heartbeat = self.clock.monotonic()
         self.command(NmtCommand.START)
         self._started = self.clock.monotonic()
 
     def leave_stopped(self) -> None:
-        """Let a stopped device answer SDO requests again (CiA 301, section 7.3.2.2.4); raises as `command`."""
+        """Let a stopped device answer SDO requests again (CiA 301, section 7.3.2.2.4)."""
         if self._nmt_state == NmtState.STOPPED:
             self.command(NmtCommand.ENTER_PRE_OPERATIONAL)
 

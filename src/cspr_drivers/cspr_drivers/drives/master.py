@@ -75,7 +75,6 @@ class DriveMaster:
         self._setup = SetupThread(
             [str(drive) for drive in config.drives], self._configure, self._at_rest, report, self._clock
         )
-        self._failures = [(port, partial(self._act, self._cycle.bus_failed, port.name)) for port in ports]
         self._devices = [
             CanopenDevice(
                 str(drive),
@@ -101,8 +100,8 @@ class DriveMaster:
         self._started = True
         for port, identifier, handler in self._handlers():
             port.subscribe(identifier, handler)
-        for port, failure in self._failures:
-            port.on_failure(failure)
+        for port in self._ports:
+            port.on_failure = partial(self._act, self._cycle.bus_failed, port.name)
         self._ports.on_sync(self._cycle.sync, self._lock)
         self.cycle_clock.start()
         self._setup.start()
@@ -125,8 +124,8 @@ class DriveMaster:
             leave_operational(self._devices)
             self.cycle_clock.stop()
             self._ports.off_sync(self._cycle.sync)
-            for port, failure in self._failures:
-                port.off_failure(failure)
+            for port in self._ports:
+                port.on_failure = None
             for port, identifier, _ in self._handlers():
                 port.unsubscribe(identifier)
         for device in self._devices:

@@ -143,9 +143,9 @@ class FaultInjector:
         place = place.strip()
         known = {fault.value: fault for fault in InjectedFault}
         if name not in known:
-            raise DriverError(
-                f"there is no fault '{name}'{did_you_mean(name, known)} `cspr closed_loop --help` lists them"
-            )
+            problem = f"there is no fault '{name}'{did_you_mean(name, known)}"
+            none = "no fault is named, such as drive_silent motor_3;"
+            raise DriverError(f"{problem if name else none} `cspr closed_loop --help` lists them")
         fault = known[name]
         if fault.target is FaultTarget.ROBOT:
             places: dict[str, int | str] = {"": 0, "robot": 0}
