@@ -104,7 +104,7 @@ def test_the_payload_weighs_what_its_ball_of_steel_weighs():
     ball, text = payload_shapes(POSE, Payload(200.0, np.array([0.02, -0.01, 0.05])))
     np.testing.assert_allclose(ball.points[0], POSE.position + POSE.rotation @ [0.02, -0.01, 0.05])
     assert STEEL * np.pi / 6.0 * ball.size[0] ** 3 == pytest.approx(200.0)
-    assert text.kind is ShapeKind.TEXT
+    assert text.kind is ShapeKind.TEXT_VIEW_FACING
     assert text.text == "200.0 kg"
     nothing, text = payload_shapes(POSE, Payload.none())
     assert nothing.size[0] < 0.01

@@ -37,13 +37,13 @@ TRAJECTORY_POINTS = 200
 
 
 class ShapeKind(Enum):
-    """How the points of a shape are drawn."""
+    """How the points of a shape are drawn; the names are those of the types in visualization_msgs/Marker."""
 
-    LINES = "pairs of points"
-    PATH = "points joined one after the other"
-    BALLS = "a ball at each point"
-    BOX = "a box"
-    TEXT = "a text that faces the viewer"
+    LINE_LIST = "pairs of points"
+    LINE_STRIP = "points joined one after the other"
+    SPHERE_LIST = "a ball at each point"
+    CUBE = "a box"
+    TEXT_VIEW_FACING = "a text that faces the viewer"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +89,8 @@ def frame_shapes(robot: Robot) -> list[Shape]:
     points = signs[np.ravel(edges)] * half + (0.0, 0.0, half[2])
     width, size = (FRAME_WIDTH,) * 3, (EXIT_SIZE,) * 3
     return [
-        Shape("frame", ShapeKind.LINES, FRAME_COLOUR, width, points),
-        Shape("exit_points", ShapeKind.BALLS, FRAME_COLOUR, size, robot.exit_points),
+        Shape("frame", ShapeKind.LINE_LIST, FRAME_COLOUR, width, points),
+        Shape("exit_points", ShapeKind.SPHERE_LIST, FRAME_COLOUR, size, robot.exit_points),
     ]
 
 
@@ -100,7 +100,7 @@ def platform_shape(
     """Return the platform at a pose: where it is, or as the shadow ``reference`` where it should be."""
     x, y, z, w = pose.quaternion.tolist()
     a, b, c = robot.platform_size.tolist()
-    return Shape(name, ShapeKind.BOX, colour, (a, b, c), pose.position[None], quaternion=(x, y, z, w))
+    return Shape(name, ShapeKind.CUBE, colour, (a, b, c), pose.position[None], quaternion=(x, y, z, w))
 
 
 def cable_shape(robot: Robot, pose: Pose, tensions: ArrayLike | None) -> Shape:
@@ -128,7 +128,7 @@ def cable_shape(robot: Robot, pose: Pose, tensions: ArrayLike | None) -> Shape:
     colours = tension_colours(known, robot.tension_min, robot.tension_max)
     width = (CABLE_WIDTH,) * 3
     return Shape(
-        "cables", ShapeKind.LINES, (1.0, 1.0, 1.0, 1.0), width, points, np.repeat(colours, 4, axis=0)
+        "cables", ShapeKind.LINE_LIST, (1.0, 1.0, 1.0, 1.0), width, points, np.repeat(colours, 4, axis=0)
     )
 
 
@@ -143,9 +143,14 @@ def payload_shapes(pose: Pose, payload: Payload) -> list[Shape]:
     above = center + np.array([0.0, 0.0, 0.5 * diameter + 2.0 * TEXT_HEIGHT])
     text = f"{payload.mass:z.1f} kg" if shown else "no payload"
     return [
-        Shape("payload", ShapeKind.BALLS, PAYLOAD_COLOUR, (diameter,) * 3, center[None]),
+        Shape("payload", ShapeKind.SPHERE_LIST, PAYLOAD_COLOUR, (diameter,) * 3, center[None]),
         Shape(
-            "payload_mass", ShapeKind.TEXT, PAYLOAD_COLOUR, (0.0, 0.0, TEXT_HEIGHT), above[None], text=text
+            "payload_mass",
+            ShapeKind.TEXT_VIEW_FACING,
+            PAYLOAD_COLOUR,
+            (0.0, 0.0, TEXT_HEIGHT),
+            above[None],
+            text=text,
         ),
     ]
 
@@ -154,9 +159,11 @@ def trajectory_shape(trajectory: Trajectory) -> Shape:
     """Return the path that the platform's origin is to follow."""
     times = np.linspace(0.0, trajectory.duration, TRAJECTORY_POINTS)
     points = np.array([trajectory.sample(float(time)).pose.position for time in times])
-    return Shape("trajectory", ShapeKind.PATH, TRAJECTORY_COLOUR, (PATH_WIDTH,) * 3, points)
+    return Shape("trajectory", ShapeKind.LINE_STRIP, TRAJECTORY_COLOUR, (PATH_WIDTH,) * 3, points)
 
 
 def path_shape(positions: Sequence[Floats]) -> Shape:
     """Return the path that the platform's origin has followed, (n, 3) with n >= 2."""
-    return Shape("path", ShapeKind.PATH, PATH_COLOUR, (PATH_WIDTH,) * 3, np.asarray(positions, dtype=float))
+    return Shape(
+        "path", ShapeKind.LINE_STRIP, PATH_COLOUR, (PATH_WIDTH,) * 3, np.asarray(positions, dtype=float)
+    )

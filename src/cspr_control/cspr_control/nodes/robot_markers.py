@@ -59,14 +59,6 @@ _PERIOD = 0.1  # s
 _MAX_AGE = 0.5  # s; what is older is not shown
 _LIFETIME = 1.0  # s after which a viewer takes a marker away that is not repeated
 
-_KINDS = {
-    ShapeKind.LINES: Marker.LINE_LIST,
-    ShapeKind.PATH: Marker.LINE_STRIP,
-    ShapeKind.BALLS: Marker.SPHERE_LIST,
-    ShapeKind.BOX: Marker.CUBE,
-    ShapeKind.TEXT: Marker.TEXT_VIEW_FACING,
-}
-
 
 class RobotMarkers(Node):
     """Publishes the robot as it is ten times a second; what is not known, or too old, is not shown."""
@@ -179,13 +171,13 @@ class RobotMarkers(Node):
 
 def _marker(shape: Shape) -> Marker:
     """Return a shape as a message, its stamp still to be set."""
-    marker = Marker(ns=shape.name, id=0, type=_KINDS[shape.kind], action=Marker.ADD)
+    marker = Marker(ns=shape.name, id=0, type=getattr(Marker, shape.kind.name), action=Marker.ADD)
     marker.header.frame_id = topics.BASE_FRAME
     marker.lifetime = Duration(seconds=_LIFETIME).to_msg()
     marker.scale.x, marker.scale.y, marker.scale.z = shape.size
     marker.color = _colour(*shape.colour)
     pose = marker.pose
-    if shape.kind in (ShapeKind.BOX, ShapeKind.TEXT):
+    if shape.kind in (ShapeKind.CUBE, ShapeKind.TEXT_VIEW_FACING):
         pose.position = _points(shape.points)[0]
         orientation = pose.orientation
         orientation.x, orientation.y, orientation.z, orientation.w = shape.quaternion

@@ -243,20 +243,13 @@ def two_panels(
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for axis, (values, title, label) in zip(axes, (above, below), strict=True):
-        upper = axis is axes[0]
-        draw_cables(axis, time, values, name, label=upper)
+        for k in range(values.shape[1]):
+            axis.plot(time, values[:, k], label=f"{name} {k + 1}", **motor_line(k))
         axis.set(ylabel=label, title=title)
-        mark_times(axis, changes, label=upper)
+        mark_times(axis, changes, label=axis is axes[0])
+    axes[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.03), handlelength=1.4)
     axes[1].set(xlabel="time, s")
     return figure
-
-
-def draw_cables(axis: Any, time: Floats, values: Floats, name: str = "cable", label: bool = True) -> None:
-    """Draw the columns of `values` (n, m), one line for each cable or motor, with the legend at the right."""
-    for k in range(values.shape[1]):
-        axis.plot(time, values[:, k], label=f"{name} {k + 1}" if label else None, **motor_line(k))
-    if label:
-        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.03), handlelength=1.4)
 
 
 def draw_bars(
