@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import Bytes, Scanner, Writer
 from cspr_msgs_py.wire.samples import LogLine
@@ -23,12 +22,9 @@ def encode_log(line: LogLine) -> bytes:
 
 
 def decode_log(buffer: Bytes) -> LogLine:
-    """Return what an rcl_interfaces/Log says; raises MessageError if the bytes are none."""
-    try:
-        scanner = Scanner(buffer)
-        stamp, severity = scanner.time(), scanner.byte()
-        name, text, _, _ = (scanner.string() for _ in range(4))
-        scanner.count()
-        return LogLine(stamp, _LEVELS.get(severity, Level.ERROR), name, text)
-    except ValueError as error:
-        raise MessageError(f"not an rcl_interfaces/Log: {error}") from error
+    """Return what an rcl_interfaces/Log says; raises ValueError if the bytes are none."""
+    scanner = Scanner(buffer)
+    stamp, severity = scanner.time(), scanner.byte()
+    name, text, _, _ = (scanner.string() for _ in range(4))
+    scanner.count()
+    return LogLine(stamp, _LEVELS.get(severity, Level.ERROR), name, text)

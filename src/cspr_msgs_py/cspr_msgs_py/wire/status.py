@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.cdr import Bytes, Scanner, Writer
 from cspr_msgs_py.wire.samples import Status, StatusArray
@@ -27,22 +26,16 @@ def encode_status_array(array: StatusArray) -> bytes:
 
 
 def decode_status(buffer: Bytes) -> Status:
-    """Return what a diagnostic_msgs/DiagnosticStatus says; raises MessageError if the bytes are none."""
-    try:
-        return _read(Scanner(buffer))
-    except ValueError as error:
-        raise MessageError(f"not a diagnostic_msgs/DiagnosticStatus: {error}") from error
+    """Return what a diagnostic_msgs/DiagnosticStatus says; raises ValueError if the bytes are none."""
+    return _read(Scanner(buffer))
 
 
 def decode_status_array(buffer: Bytes) -> StatusArray:
-    """Return what a diagnostic_msgs/DiagnosticArray says; raises MessageError if the bytes are none."""
-    try:
-        scanner = Scanner(buffer)
-        stamp = scanner.time()
-        scanner.string()
-        return StatusArray(stamp, tuple(_read(scanner) for _ in range(scanner.count())))
-    except ValueError as error:
-        raise MessageError(f"not a diagnostic_msgs/DiagnosticArray: {error}") from error
+    """Return what a diagnostic_msgs/DiagnosticArray says; raises ValueError if the bytes are none."""
+    scanner = Scanner(buffer)
+    stamp = scanner.time()
+    scanner.string()
+    return StatusArray(stamp, tuple(_read(scanner) for _ in range(scanner.count())))
 
 
 def _write(writer: Writer, status: Status) -> None:

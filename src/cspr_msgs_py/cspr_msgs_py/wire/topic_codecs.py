@@ -57,13 +57,13 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
         return _joint_state(topic, number_of_motors)
     if topic.type == topics.MULTI_DOF_TRAJECTORY:
         codec = ReferenceCodec()
-        return TopicCodec(codec.encode, _of_constant_layout(topic, codec.decode), codec)
+        return TopicCodec(codec.encode, _checked(topic, codec.decode), codec)
     if topic.type == topics.DIAGNOSTIC_STATUS:
-        return TopicCodec(encode_status, decode_status)
+        return TopicCodec(encode_status, _checked(topic, decode_status))
     if topic.type == topics.DIAGNOSTIC_ARRAY:
-        return TopicCodec(encode_status_array, decode_status_array)
+        return TopicCodec(encode_status_array, _checked(topic, decode_status_array))
     if topic.type == topics.LOG:
-        return TopicCodec(encode_log, decode_log)
+        return TopicCodec(encode_log, _checked(topic, decode_log))
     if topic.type == topics.POSE_STAMPED:
         return _stamped_doubles(
             topic,
@@ -85,18 +85,20 @@ def _joint_state(topic: Topic, number_of_motors: int) -> TopicCodec:
     command = re.fullmatch(r"/(motor_\d+)/command", topic.name)
     if command is not None:
         one = JointStateCodec((command[1],), position=False, velocity=False)
-        decode = _of_constant_layout(topic, one.decode_joint)
-        return TopicCodec(one.encode_joint, decode, one)
+        return TopicCodec(one.encode_joint, _checked(topic, one.decode_joint), one)
     if topic == topics.CABLE_TENSIONS:
         codec = JointStateCodec(topics.cable_names(number_of_motors), position=False, velocity=False)
     else:
         codec = JointStateCodec(topics.motor_names(number_of_motors))
-    return TopicCodec(codec.encode_sample, _of_constant_layout(topic, codec.decode), codec)
+    return TopicCodec(codec.encode_sample, _checked(topic, codec.decode), codec)
 
 
-def _of_constant_layout(topic: Topic, decode: Callable[[Bytes], Any]) -> Callable[[Bytes], Any]:
+def _checked(topic: Topic, decode: Callable[[Bytes], Any]) -> Callable[[Bytes], Any]:
     def decode_or_raise(buffer: Bytes) -> Any:
-        sample = decode(buffer)
+        try:
+            sample = decode(buffer)
+        except ValueError as error:
+            raise MessageError(f"{topic.name}: not a {topic.type}: {error}") from error
         if sample is None:
             raise MessageError(f"{topic.name}: {len(buffer)} bytes have another layout than the topic's")
         return sample
@@ -113,12 +115,9 @@ def _stamped_doubles(
     """Return the codec of a header and doubles; the ``frame_id`` of what it decodes may be any."""
 
     def decode(buffer: Bytes) -> Any:
-        try:
-            scanner = Scanner(buffer)
-            stamp = scanner.time()
-            scanner.string()
-            return sample(stamp, np.array([scanner.double() for _ in range(layout.count)]))
-        except ValueError as error:
-            raise MessageError(f"{topic.name}: not a {topic.type}: {error}") from error
+        scanner = Scanner(buffer)
+        stamp = scanner.time()
+        scanner.string()
+        return sample(stamp, np.array([scanner.double() for _ in range(layout.count)]))
 
-    return TopicCodec(lambda record: layout.encode(record.stamp_ns, values(record)), decode)
+    return TopicCodec(lambda record: layout.encode(record.stamp_ns, values(record)), _checked(topic, decode))
