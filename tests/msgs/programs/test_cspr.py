@@ -15,7 +15,14 @@ import pytest
 
 from cspr_msgs_py.json_file import plain, write_json
 from cspr_msgs_py.programs import cspr
-from cspr_msgs_py.programs.command_line import output_file, output_path, program_parser, run_program
+from cspr_msgs_py.programs.command_line import (
+    number,
+    output_file,
+    output_path,
+    program_parser,
+    run_program,
+    show_progress,
+)
 
 
 def test_lists_every_program_and_imports_none() -> None:
@@ -189,3 +196,17 @@ def test_json_without_nan(tmp_path: Path) -> None:
     content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert content == {"error": [1.0, None], "3": [2.0, 1, None]}
     assert plain(float("inf")) is None
+
+
+def test_progress_appears_on_a_terminal_alone(capsys, monkeypatch) -> None:
+    show_progress("half", 0.5)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    show_progress("half", 0.5)
+    assert capsys.readouterr().err.endswith(f"[{'#' * 15}{'.' * 15}] half")
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "fast"])
+def test_a_number_out_of_its_limits_is_refused_in_words(text: str) -> None:
+    with pytest.raises(ArgumentTypeError, match=f"'{text}' is not a rate of 0.001 or more"):
+        number("a rate of 0.001 or more", 0.001)(text)
