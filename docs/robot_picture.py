@@ -62,20 +62,20 @@ def geometry(shape: Shape) -> list[str]:
     colours = [(*rgb, 1.0) for rgb in shape.colours] or [shape.colour] * len(shape.points)
     width = numbers(shape.size[0] / 2.0)
     match shape.kind:
-        case ShapeKind.BALLS:
+        case ShapeKind.SPHERE_LIST:
             return [
                 f'<geom type="sphere" size="{width}" pos="{numbers(point)}" rgba="{numbers(colour)}"/>'
                 for point, colour in zip(shape.points, colours, strict=True)
             ]
-        case ShapeKind.BOX:
+        case ShapeKind.CUBE:
             x, y, z, w = shape.quaternion
             return [
                 f'<geom type="box" size="{numbers(np.divide(shape.size, 2.0))}" pos="{numbers(shape.points)}" '
                 f'quat="{numbers((w, x, y, z))}" rgba="{numbers(shape.colour)}"/>'
             ]
-        case ShapeKind.TEXT:
+        case ShapeKind.TEXT_VIEW_FACING:
             return []
-    step = 2 if shape.kind is ShapeKind.LINES else 1
+    step = 2 if shape.kind is ShapeKind.LINE_LIST else 1
     return [
         f'<geom type="capsule" size="{width}" fromto="{numbers((a, b))}" rgba="{numbers(colour)}"/>'
         for a, b, colour in zip(shape.points[:-1:step], shape.points[1::step], colours[::step], strict=False)
@@ -92,7 +92,7 @@ def scene(robot: Robot) -> str:
     tensions = distribute_tensions(A, wrench, robot.tension_min, robot.tension_max, "closest").tensions
     x, y, z, w = pose.quaternion.tolist()
     platform = Shape(
-        "platform", ShapeKind.BOX, PLATFORM_COLOUR, tuple(robot.platform_size.tolist()), pose.position[None],
+        "platform", ShapeKind.CUBE, PLATFORM_COLOUR, tuple(robot.platform_size.tolist()), pose.position[None],
         quaternion=(x, y, z, w),
     )  # fmt: skip
     rope = np.stack((pose.position, pose.position + pose.rotation @ PAYLOAD.center_of_mass))
@@ -102,7 +102,7 @@ def scene(robot: Robot) -> str:
         platform,
         replace(cable_shape(robot, pose, tensions), size=(CABLE,) * 3),
         *payload_shapes(pose, PAYLOAD),
-        Shape("rope", ShapeKind.LINES, (0.3, 0.3, 0.3, 1.0), (ROPE,) * 3, rope),
+        Shape("rope", ShapeKind.LINE_LIST, (0.3, 0.3, 0.3, 1.0), (ROPE,) * 3, rope),
     ]
     elements = "\n    ".join(element for shape in shapes for element in geometry(shape))
     width, height = (OVERSAMPLING * pixels for pixels in SIZE)
