@@ -14,6 +14,7 @@ from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 from cspr_control.analysis.timeline import EventKind
 from cspr_control.errors import ControlError
 from cspr_msgs_py.bag.bag_file import BagFile
+from cspr_msgs_py.parameters.file import ParameterFile
 
 from .conftest import CONFIG, START
 
@@ -133,11 +134,27 @@ def test_a_recorded_configuration_that_differs_from_the_one_on_disk(
     recording = read_recording(record(), None, disk)
     (remark,) = recording.remarks
     assert "robot.yaml" in remark
-    assert "platform.mass is 153.0 recorded, 160.0 on disk; the recorded one is used" in remark
+    assert "platform.mass is 153 recorded, 160 on disk; the recorded one is used" in remark
     assert recording.robot.platform.mass == 153.0
     # other comments and order are no difference
     (disk / "robot.yaml").write_text("# hello\n" + ROBOT, encoding="utf-8")
     assert read_recording(record("again"), None, disk).remarks == ()
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.3])
+def test_a_rewritten_and_stretched_control_file_is_no_other_one(
+    record: Callable[..., Path], speed: float
+) -> None:
+    control = ParameterFile.from_yaml(CONFIG / "control.yaml")
+    if speed != 1.0:
+        control.slow_down(speed)
+    recording = read_recording(record(control_text=control.text()), None, CONFIG)
+    assert recording.remarks == ()
+    control.change("supervisor", {"max_age.motor_states": 0.9})
+    (remark,) = read_recording(record("other", control_text=control.text()), None, CONFIG).remarks
+    assert "supervisor.ros__parameters.max_age.motor_states is 0.9 recorded, " in remark
+    assert (" as stretched for 0.3 of real time" in remark) == (speed != 1.0)
+    assert "more" not in remark
 
 
 def test_the_robot_file_that_the_recorded_parameters_name_is_used(record: Callable[..., Path]) -> None:
@@ -158,7 +175,7 @@ def test_bags_of_one_robot_with_another_limit_are_compared_with_a_remark(
 ) -> None:
     other = record("other", robot_text=ROBOT.replace("tension_min: 50.0", "tension_min: 60.0"))
     first, _ = analyse_bags([recorded_bag, other], configuration_directory=tmp_path)
-    assert any("tension_min is 50.0 first, 60.0 second" in remark for remark in first.remarks)
+    assert any("tension_min is 50 first, 60 second" in remark for remark in first.remarks)
 
 
 def test_runs_of_the_same_controller_are_told_apart(recorded_bag: Path, record: Callable[..., Path]) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from cspr_control.nodes import demo_operator
 from cspr_control.nodes.demo_operator import Operator
 from cspr_msgs_py.vocabulary import RobotState
 
@@ -29,14 +28,13 @@ class Client:
 
 
 @pytest.fixture
-def operator(monkeypatch: pytest.MonkeyPatch) -> Any:
+def operator() -> Any:
     def create(client: Client, speed: float) -> Operator:
         def sleep(duration: float) -> None:
             client.now += duration
 
-        monkeypatch.setattr(demo_operator, "time", SimpleNamespace(monotonic=lambda: client.now, sleep=sleep))
         silent = SimpleNamespace(check=lambda *_: None, show=lambda *_: None)
-        return Operator(client, silent, silent, speed)  # type: ignore[arg-type]
+        return Operator(client, silent, silent, speed, lambda: client.now, sleep)  # type: ignore[arg-type]
 
     return create
 

@@ -179,6 +179,7 @@ def test_a_fault_that_cannot_be_injected_is_refused_at_once(fault, words, capsys
         (["--trajectory", "hold"], "choose from 'paper-18'"),
         (["--payload", "-3"], "not a mass"),
         (["--duration", "soon"], "not a time"),
+        (["--duration", "0"], "not a time in s, 0.1 or more"),
         (["--seed", "-1"], "not a whole number"),
         (["--seed", "4294967296"], "must lie in [0, 4294967295]"),
         (["--controller", "pid"], "(choose from 'pd', 'static'"),

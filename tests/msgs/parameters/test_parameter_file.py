@@ -79,6 +79,12 @@ def test_what_is_said_of_a_node_beats_what_is_said_of_all():
             r'duplicate key "model" with value "static" \(original value: "none"\) \(line 1\)',
         ),
         ("a: {ros__parameters: {}}\nb: {}\na: {}", r'duplicate key "a" .*line 3'),
+        ("? [a]\n: {ros__parameters: {b: 1}}", "a key that is no text .*line 1"),
+        (
+            "recorder: {ros__parameters: {split_size: 5.0}}\n/**: {ros__parameters: {split_size: 6.0}}",
+            r"line 2: split_size is given to all nodes, .* of recorder in line 1: put /\*\* first",
+        ),
+        ("rviz: {ros__parameters: {rate: 5.0}}\n/**: {ros__parameters: {control_rate: 250.0}}", None),
     ],
 )
 def test_what_is_no_parameter_file_is_refused_by_name(text, words):
@@ -108,6 +114,15 @@ def test_what_depends_on_the_computers_clock_is_stretched():
     assert slow.values("trajectory_publisher")["dwell"] == 1.0  # counts on the machine's clock
     assert slow.values("feedforward")["model"] == "static"
     assert yaml.safe_load(file.text())["supervisor"]["ros__parameters"]["max_age.setpoint"] == 0.8
+
+
+def test_a_stretched_default_does_not_replace_the_value_of_a_node():
+    """As ROS reads the text: what stands in it last counts."""
+    file = ParameterFile("motor_controller_3: {ros__parameters: {setpoint_timeout: 0.05}}", "mine.yaml")
+    file.slow_down(0.1)
+    everywhere, *_ = yaml.safe_load(file.text())
+    assert everywhere == "/**"
+    assert file.values("motor_controller_3")["setpoint_timeout"] == 0.5
 
 
 def test_a_change_must_fit():

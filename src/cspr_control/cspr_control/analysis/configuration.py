@@ -10,7 +10,9 @@ from typing import Any
 from cspr_control.errors import ControlError
 from cspr_kinematics import ConfigurationFileError, KinematicsError, Robot
 from cspr_kinematics.configuration.yaml_file import parse_yaml
+from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.json_file import plain
+from cspr_msgs_py.parameters.file import ParameterFile
 
 ROBOT_FILE = "robot.yaml"
 _CONTROL_FILE = "control.yaml"
@@ -118,14 +120,28 @@ def _compare_with_disk(files: Mapping[str, str], bag: Path, directory: Path) -> 
     for name in sorted(files):
         path = directory / name
         if path.is_file():
-            found = differences(
-                parsed(files[name]), parsed(path.read_text(encoding="utf-8", errors="replace"))
-            )
+            text, at = path.read_text(encoding="utf-8", errors="replace"), ""
+            if name == _CONTROL_FILE:
+                text, at = _as_slow(text, files[name])
+            found = differences(parsed(files[name]), parsed(text))
             if found:
                 yield (
-                    f"{name} in {bag} differs from {path}: {describe(found, 'recorded', 'on disk')}; "
+                    f"{name} in {bag} differs from {path}{at}: {describe(found, 'recorded', 'on disk')}; "
                     "the recorded one is used"
                 )
+
+
+def _as_slow(control: str, recorded: str) -> tuple[str, str]:
+    """Return a control.yaml as a demo stretches it for the speed of a recorded one, and that speed in words."""
+    try:
+        speed = float(ParameterFile(recorded, "").values("simulated_robot")["speed"])
+        if speed != 1.0:
+            file = ParameterFile(control, "")
+            file.slow_down(speed)
+            return file.text(), f" as stretched for {speed:g} of real time"
+    except ParameterError:  # of another version: compared as it is
+        pass
+    return control, ""
 
 
 def require_one_robot(configurations: Mapping[str, Configuration]) -> tuple[str, ...]:
@@ -168,14 +184,26 @@ def _robot_values(robot: Robot) -> dict[str, Any]:
 def differences(first: Any, second: Any, path: str = "") -> dict[str, tuple[Any, Any]]:
     """Return where two nested structures differ: both values by dotted key; None where one has no such key."""
     if isinstance(first, Mapping) and isinstance(second, Mapping):
-        parts = [(f".{key}", first.get(key), second.get(key)) for key in dict.fromkeys((*first, *second))]
+        one, other = _dotted(first), _dotted(second)
+        parts = [(f".{key}", one.get(key), other.get(key)) for key in dict.fromkeys((*one, *other))]
     elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         parts = [(f"[{index}]", *pair) for index, pair in enumerate(zip(first, second, strict=True))]
     else:
         return {} if first == second else {path.removeprefix("."): (first, second)}
     found: dict[str, tuple[Any, Any]] = {}
-    for part, one, other in parts:
-        found |= differences(one, other, path + part)
+    for part, mine, theirs in parts:
+        found |= differences(mine, theirs, path + part)
+    return found
+
+
+def _dotted(content: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return values by dotted key: parameters may be written as ``a: {b: 1}`` and as ``a.b: 1``."""
+    found: dict[str, Any] = {}
+    for key, value in content.items():
+        if isinstance(value, Mapping) and value:
+            found |= {f"{key}.{name}": each for name, each in _dotted(value).items()}
+        else:
+            found[str(key)] = value
     return found
 
 
@@ -190,7 +218,7 @@ def describe(found: Mapping[str, tuple[Any, Any]], first: str, second: str) -> s
 
 
 def _short(value: Any) -> str:
-    text = "absent" if value is None else str(value)
+    text = "absent" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 

@@ -167,13 +167,21 @@ class Progress:
 class Operator:
     """Does what an operator does, while every process lives and no fault is latched.
 
-    Limits and durations are those of the machine, s; on a slower one they last longer.
+    Limits and durations are those of the machine, s; on a slower one they last longer on the clock, whose time `now`
+    returns, and which `sleep` lets pass.
     """
 
     def __init__(
-        self, client: DemoClient, children: ChildProcesses, progress: Progress, speed: float
+        self,
+        client: DemoClient,
+        children: ChildProcesses,
+        progress: Progress,
+        speed: float,
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._client, self._children, self._progress, self._speed = client, children, progress, speed
+        self._now, self._sleep = now, sleep
         self._refusal = ""  # of the service that was asked last
 
     def wait(self, step: str, done: Callable[[], bool], limit: float, why_not: Callable[[], str]) -> None:
@@ -188,18 +196,18 @@ class Operator:
             if self._client.interruption:
                 cause = self._client.explained(self._client.interruption)
                 raise DemoError(f"{step}: the trajectory was given up, the platform held its pose: {cause}")
-            if time.monotonic() > deadline:
+            if self._now() > deadline:
                 raise DemoError(f"{step}: not done within {limit:.0f} s: {why_not()}")
-            time.sleep(0.02)
+            self._sleep(0.02)
 
     def pause(self, step: str, duration: float) -> None:
         """Let time pass while all is well."""
         end = self._after(duration)
-        self.wait(step, lambda: time.monotonic() >= end, duration + 5.0, lambda: "the clock stands still")
+        self.wait(step, lambda: self._now() >= end, duration + 5.0, lambda: "the clock stands still")
 
     def _after(self, duration: float) -> float:
         """Return when a duration of the machine is over, on the computer's clock."""
-        return time.monotonic() + duration / self._speed
+        return self._now() + duration / self._speed
 
     def call(self, service: str, limit: float) -> None:
         """Ask a service until it accepts; a refusal is final only when the time is up."""
@@ -223,9 +231,9 @@ class Operator:
         """Ask a service; returns whether it accepts, and keeps why it does not."""
         future = self._client.trigger(service)
         end = self._after(5.0)
-        while future is not None and not future.done() and time.monotonic() < end:
+        while future is not None and not future.done() and self._now() < end:
             self._children.check()
-            time.sleep(0.01)
+            self._sleep(0.01)
         if future is None or not future.done():
             self._refusal = "no answer"
             return False
@@ -253,7 +261,7 @@ class Operator:
             client = self._client
             if client.robot_state in FOLLOWING and client.trigger("/supervisor/stop") is not None:
                 deadline = self._after(4.0)
-                while client.robot_state != RobotState.DISABLED and time.monotonic() < deadline:
+                while client.robot_state != RobotState.DISABLED and self._now() < deadline:
                     self._progress.show("stopping")
                     self._children.check(("control", "simulated_robot"))  # nobody else has a part in it
-                    time.sleep(0.02)
+                    self._sleep(0.02)

@@ -24,6 +24,7 @@ from cspr_kinematics import KinematicsError
 from cspr_msgs_py.errors import MessagesError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.programs.command_line import (
+    number,
     output_path,
     program_parser,
     run_program,
@@ -111,7 +112,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         help="happens S seconds after the start of the trajectory; several; see below",
     )  # fmt: skip
     add(
-        "--duration", type=seconds, metavar="S",
+        "--duration", type=number("a time in s, 0.1 or more", 0.1), metavar="S",
         help="stop the trajectory after this time, without what --add-payload would add later; default: its end",
     )  # fmt: skip
     add("--plant", action="store_true", help="the plant alone, without drivers, buses and devices")

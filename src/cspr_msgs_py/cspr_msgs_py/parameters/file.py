@@ -92,7 +92,8 @@ class ParameterFile:
 
     def __init__(self, text: str | bytes, name: str) -> None:
         self.name = name
-        self._nodes: dict[str, dict[str, Any]] = {}
+        # all nodes come first: for ROS the last one counts
+        self._nodes: dict[str, dict[str, Any]] = {ALL_NODES: {}}
         self._lines: dict[tuple[str, str], int] = {}  # of what the file itself says
         self._yaml = _yaml("safe")
         try:
@@ -154,16 +155,15 @@ class ParameterFile:
             for name, value in values.items():
                 row = known_parameter(node, name)
                 values[name] = row.in_slow_motion(value, speed) if row and row.stretch else value
-        everywhere = self._nodes.setdefault(ALL_NODES, {})
         for node in TABLE:
             for name, row in node_parameters(node).items():
                 if row.stretch and name not in self.of(node):
-                    everywhere[name] = row.in_slow_motion(row.default, speed)
+                    self._nodes[ALL_NODES][name] = row.in_slow_motion(row.default, speed)
         self.change("simulated_robot", {"speed": speed})
 
     def text(self) -> str:
         """Return the content of a file with these parameters."""
-        content = {node: {"ros__parameters": values} for node, values in self._nodes.items()}
+        content = {node: {"ros__parameters": values} for node, values in self._nodes.items() if values}
         stream = StringIO()
         _yaml("rt").dump(content, stream)
         return stream.getvalue()
@@ -201,7 +201,18 @@ class ParameterFile:
                     row.checked(values[name])
             except ParameterError as error:
                 raise ParameterError(f"{self._place(value)}: {where}{error}") from error
+            if node == ALL_NODES:
+                self._require_first(name, value)
             self._lines[node, name] = value.start_mark.line + 1
+
+    def _require_first(self, name: str, value: Node) -> None:
+        """Refuse a parameter of all nodes after that of a node of ours, which it would replace for ROS."""
+        for node, other in self._lines:
+            if other == name and node != ALL_NODES and known_parameter(node, name):
+                raise ParameterError(
+                    f"{self._place(value)}: {name} is given to all nodes, which for ROS replaces the {name} of {node} "
+                    f"in line {self._lines[node, name]}: put {ALL_NODES} first"
+                )
 
 
 def _node(path: str) -> str:
@@ -219,6 +230,8 @@ def _entries(section: MappingNode) -> list[tuple[str, Node]]:
     """Return keys, as they are written, and values; refuse a key that stands there twice."""
     entries: dict[str, Node] = {}
     for name, value in section.value:
+        if not isinstance(name, ScalarNode):
+            raise ComposerError(None, None, "found a key that is no text", name.start_mark)
         key = str(name.value)
         if key in entries:
             scalars = isinstance(value, ScalarNode) and isinstance(entries[key], ScalarNode)
