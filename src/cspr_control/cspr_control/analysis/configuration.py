@@ -184,7 +184,9 @@ def _robot_values(robot: Robot) -> dict[str, Any]:
 def differences(first: Any, second: Any, path: str = "") -> dict[str, tuple[Any, Any]]:
     """Return where two nested structures differ: both values by dotted key; None where one has no such key."""
     if isinstance(first, Mapping) and isinstance(second, Mapping):
-        one, other = _dotted(first), _dotted(second)
+        one, other = first, second
+        if any("." in str(key) for key in (*first, *second)):
+            one, other = _dotted(first), _dotted(second)
         parts = [(f".{key}", one.get(key), other.get(key)) for key in dict.fromkeys((*one, *other))]
     elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         parts = [(f"[{index}]", *pair) for index, pair in enumerate(zip(first, second, strict=True))]
