@@ -18,13 +18,7 @@ from cspr_control.graph import control_graph
 from cspr_control.nodes import component_node
 from cspr_control.nodes.component_node import Wiring
 from cspr_control.nodes.control import create_control_nodes
-from cspr_control.nodes.control_nodes import (
-    FeedforwardNode,
-    MassEstimatorNode,
-    PoseEstimatorNode,
-    SupervisorNode,
-    TrajectoryPublisher,
-)
+from cspr_control.nodes.control_nodes import NODES
 from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.parameters.control_settings import control_settings
 from cspr_control.supervision.supervisor import Decision
@@ -215,9 +209,8 @@ class DrivenLoop:
 
 
 def alone(wiring):
-    kinds = (TrajectoryPublisher, FeedforwardNode, PoseEstimatorNode, MassEstimatorNode, SupervisorNode)
     controllers = (MotorControllerNode(k + 1, wiring=wiring()) for k in range(COUNT))
-    return [*controllers, *(kind(wiring=wiring()) for kind in kinds)]
+    return [*controllers, *(kind(wiring=wiring()) for kind in NODES.values())]
 
 
 def together(wiring):

@@ -11,13 +11,7 @@ import rclpy
 from rclpy.node import Node
 
 from cspr_control.nodes.control import create_control_nodes
-from cspr_control.nodes.control_nodes import (
-    FeedforwardNode,
-    MassEstimatorNode,
-    PoseEstimatorNode,
-    SupervisorNode,
-    TrajectoryPublisher,
-)
+from cspr_control.nodes.control_nodes import NODES
 from cspr_control.nodes.motor_control_gains import MotorControlGains
 from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.nodes.robot_markers import RobotMarkers
@@ -25,14 +19,7 @@ from cspr_msgs_py.parameters.table import TABLE, node_parameters
 
 ROOT = Path(__file__).parents[2]
 OF_ROS = ("use_sim_time", "start_type_description_service")
-ALONE: dict[str, Callable[[], Node]] = {
-    "trajectory_publisher": TrajectoryPublisher,
-    "feedforward": FeedforwardNode,
-    "motor_controller_3": lambda: MotorControllerNode(3),
-    "pose_estimator": PoseEstimatorNode,
-    "mass_estimator": MassEstimatorNode,
-    "supervisor": SupervisorNode,
-}
+ALONE: list[Callable[[], Node]] = [*NODES.values(), lambda: MotorControllerNode(3)]
 
 
 def declared(node: Node) -> dict[str, Any]:
@@ -66,9 +53,9 @@ def composed() -> dict[str, dict[str, Any]]:
     return run(create_control_nodes, "--params-file", "config/control.yaml")
 
 
-@pytest.mark.parametrize("name", ALONE)
-def test_alone_as_in_control(composed: dict[str, dict[str, Any]], name: str) -> None:
-    alone = run(lambda: [ALONE[name]()])[name]
+@pytest.mark.parametrize("create", ALONE)
+def test_alone_as_in_control(composed: dict[str, dict[str, Any]], create: Callable[[], Node]) -> None:
+    ((name, alone),) = run(lambda: [create()]).items()
     together = composed[name]
     if name.startswith("motor_controller"):  # the gains are shared there
         together = composed["motor_control_gains"] | together

@@ -48,10 +48,8 @@ def recorded(directory: Path | None, scenario: Scenario, loop: ClosedLoop[Any]) 
     bag = None
     if directory is not None:
         bag = SampleBag(BagFile(directory, information, files, start_ns=start), m)
-        recording = {
-            "bag": directory.name,
-            "cause": "",
-        }  # not the path: the bytes must not depend on the place
+        # the name and not the path: the bytes must not depend on the place
+        recording = {"bag": directory.name, "cause": ""}
         bag.write(RECORDER_STATE, start, Status("recorder", Level.OK, "recording", recording))
     written = start
 
