@@ -1,5 +1,5 @@
-# Targets: demo, test, soak, test-socketcan, lint, bench, paper, build, clean. Each makes what it needs, the virtual
-# environment included.
+# Targets: demo, test, soak, test-socketcan, lint, bench, paper, sensitivity, build, clean. Each makes what it needs,
+# the virtual environment included.
 #   make demo ARGS="--controller static --payload 200"     options of the demo: make demo ARGS=--help
 #   make test ARGS="tests/kinematics -k jacobian"          arguments for pytest
 #   make test SEED=7                                       other random examples; make soak draws them for hours
@@ -19,7 +19,7 @@ PYTEST := $(VENV)/bin/python -m pytest $(if $(SEED),--seed $(SEED))
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONPATH
 
-.PHONY: help hook demo test test-parts test-whole soak test-socketcan lint bench paper build clean
+.PHONY: help hook demo test test-parts test-whole soak test-socketcan lint bench paper sensitivity build clean
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -6
 
@@ -40,6 +40,11 @@ $(READY): $(REQUIREMENTS) $(PACKAGES:%=src/%/setup.py)
 	$(VENV)/bin/python -c 'from cspr_drivers.simulation.plant.plant import Plant; \
 		from cspr_drivers.simulation.simulation_config import SimulationConfig; \
 		Plant(SimulationConfig.from_yaml("config/simulation.yaml"))'  # compiles the kernels of the plant
+	$(VENV)/bin/python -c 'from cspr_control.graph import control_graph; \
+		from cspr_control.parameters.control_settings import control_settings; \
+		from cspr_kinematics import Robot; from cspr_msgs_py.parameters.file import ParameterFile; \
+		robot = Robot.from_yaml("config/robot.yaml"); \
+		control_graph(robot, control_settings(robot, ParameterFile.from_yaml("config/control.yaml")))'  # those of control
 	@$(MAKE) --no-print-directory hook
 	@touch $@
 
@@ -106,6 +111,10 @@ bench: $(READY) $(BENCH_READY)
 paper: $(READY)
 	@echo "== the paper's studies and figures, into runs/paper/"
 	@$(VENV)/bin/python -m studies.paper $(ARGS)
+
+sensitivity: $(READY)
+	@echo "== how sensitive the closed loop is, into runs/sensitivity/: a quarter of an hour on two cores"
+	@OMP_NUM_THREADS=1 $(VENV)/bin/python -m studies.sensitivity $(ARGS)
 
 build: $(READY)
 	@echo "== colcon build into install/, then every executable is started and stopped"

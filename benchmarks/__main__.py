@@ -13,6 +13,7 @@ BENCHMARKS = {
     "reading": "a bag into numpy arrays, against other readers (half a minute)",
     "recorder": "the recorder under the whole graph at 500 Hz (20 s; longer: python -m benchmarks.recorder --help)",
     "controllers": "the controllers in closed loop without ROS (half a minute)",
+    "platform": "where the platform is and what it carries, against what is aimed at (four minutes on two cores)",
     "filter_limit": "the fastest filter of the mass estimate (about a minute)",
     "closed_loop": "how much faster than real time the closed loop is simulated (half a minute)",
 }

@@ -42,7 +42,7 @@ def wrench(
     return np.concatenate((force, cross(mc, a) + turning), axis=-1)
 
 
-def bounded(A: FloatArray, w: FloatArray, low: float, high: float) -> FloatArray:
+def bounded(A: FloatArray, w: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
     """Return the bounded tensions of least norm (m,) of one pose with a wrench within reach.
 
     The solution is clip(A^T y, low, high) at the maximum of the dual function, which is concave and piecewise
@@ -54,7 +54,7 @@ def bounded(A: FloatArray, w: FloatArray, low: float, high: float) -> FloatArray
     value = y @ w - (asked - 0.5 * tensions) @ tensions
     for _ in range(_MOST_STEPS):
         error = w - A @ tensions
-        if np.abs(error).max() < 1e-9 * high:
+        if np.abs(error).max() < 1e-9 * np.max(high):
             break
         free = A[:, tensions == asked]
         step = np.linalg.solve(free @ free.T + _REGULARISATION * np.eye(6), error)

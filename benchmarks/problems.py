@@ -9,12 +9,14 @@ import numpy as np
 
 from cspr_kinematics import (
     Acceleration,
+    CableProperties,
     Payload,
     Pose,
     Robot,
     TensionResult,
     Twist,
     distribute_tensions,
+    home_lengths,
     inverse_kinematics,
     required_wrench,
 )
@@ -36,8 +38,16 @@ def with_cables(m: int) -> Robot:
     turned = angle + np.where(odd, 1.9, -1.9)
     anchors = np.stack((0.3 * np.cos(turned), 0.3 * np.sin(turned), np.where(odd, 0.2, -0.2)), axis=-1)
     shipped = Robot.from_yaml(CONFIG / "robot.yaml")
-    wide = dataclasses.replace(shipped, tension_min=0.0, tension_max=20_000.0)
-    return wide.with_geometry(exit_points=exits, anchor_points=anchors)
+    winch = dataclasses.replace(shipped.winch, home_lengths=home_lengths(exits, anchors, shipped.home))
+    return dataclasses.replace(
+        shipped,
+        exit_points=exits,
+        anchor_points=anchors,
+        winch=winch,
+        tension_min=np.zeros(m),
+        tension_max=np.full(m, 20_000.0),
+        cables=CableProperties(),
+    )
 
 
 def motions(robot: Robot, random: np.random.Generator, *shape: int) -> Motion:

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.analysis.numbers.platform_error import PoseDeviation, platform_error
+from cspr_control.analysis.recording import recording_of
 from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.errors import ControlError
@@ -19,6 +21,7 @@ from cspr_msgs_py.topics import SIMULATED_PAYLOAD
 from cspr_msgs_py.vocabulary import TrajectoryName, controller_label
 from studies.experiment import CONTROLLERS
 
+PLATFORM_TOLERANCE = 0.1  # of the platform's RMS error
 MEAN_TOLERANCE = 0.07  # of the mean RMS error
 MOTOR_TOLERANCE = 0.2  # of the RMS error of each motor
 MASS_TOLERANCE = 0.5  # kg, of the final estimate
@@ -31,6 +34,7 @@ class LiveRun:
 
     scenario: Scenario
     name: str
+    platform_mm: float  # RMS error of the platform
     rms_deg: NDArray[np.float64]  # (m,)
     mass_estimate: float  # kg, at the end
     settling_time: float  # s
@@ -52,9 +56,10 @@ class LiveRun:
             trajectory = TrajectoryName(summary["trajectory"])
             latency = summary["command_latency_us"]["p50"] * 1e-6
             settled = summary["mass_settling_time_s"]
+            platform = float(summary["rms_platform_error_mm"])
             with Bag(directory / "bag") as bag:
                 references, truth = bag.references(), bag.inertias(SIMULATED_PAYLOAD.name)
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, TypeError, ValueError, KeyError) as error:
             raise ControlError(
                 f"{directory} is not a run of the demo: {type(error).__name__} {error}"
             ) from error
@@ -74,6 +79,7 @@ class LiveRun:
         scenario = replace(
             chosen,
             config=directory / "config",
+            parameters={},  # those of the run
             trajectory=trajectory,
             payload=float(masses[0]),
             # the truth is published 50 times a second
@@ -85,6 +91,7 @@ class LiveRun:
         return LiveRun(
             scenario,
             name,
+            platform,
             np.array(summary["rms_position_error_deg"]),
             summary["mass_estimate_final_kg"],
             np.inf if settled is None else settled,
@@ -114,15 +121,23 @@ class Agreement:
     """Both outcomes of one case."""
 
     live: LiveRun
-    rms_deg: NDArray[np.float64]  # (m,), without ROS
+    platform_mm: float  # without ROS, as all that follows
+    rms_deg: NDArray[np.float64]  # (m,)
     mass_estimate: float
     settling_time: float
 
     def numbers(self) -> list[Compared]:
-        """Return what is compared; first the mean RMS error."""
+        """Return what is compared; first the platform's error, then the mean of the motors'."""
         live, motors = self.live, zip(self.live.rms_deg, self.rms_deg, strict=True)
         mean = live.rms_deg.mean(), self.rms_deg.mean()
         return [
+            Compared(
+                "platform's RMS error, mm",
+                live.platform_mm,
+                self.platform_mm,
+                PLATFORM_TOLERANCE,
+                share=True,
+            ),
             Compared("mean RMS error, deg", *mean, MEAN_TOLERANCE, share=True),
             *(Compared(f"motor {k}", *both, MOTOR_TOLERANCE, share=True) for k, both in enumerate(motors, 1)),
             Compared("final mass estimate, kg", live.mass_estimate, self.mass_estimate, MASS_TOLERANCE),
@@ -137,5 +152,11 @@ class Agreement:
 
 def agreement(live: LiveRun) -> Agreement:
     """Run the case of a live run without ROS, with the configuration of that run."""
-    record = run(live.scenario)
-    return Agreement(live, record.rms_deg, float(record.mass_estimate[-1]), record.settling_time)
+    record = run(live.scenario, keep=True)
+    assert record.published is not None  # it was asked for
+    recording = recording_of(record.published, directory=live.scenario.config)
+    error = platform_error(recording)
+    assert error is not None  # the plant tells where it is, and the trajectory was played
+    size = PoseDeviation.of(error.part(recording.in_window(error.time_ns)))
+    assert size is not None
+    return Agreement(live, size.rms_mm, record.rms_deg, float(record.mass_estimate[-1]), record.settling_time)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings
-from cspr_control.reference.paper import paper_18, paper_19_tilt
+from cspr_control.reference.paper import paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Payload, Robot
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource
@@ -24,6 +24,11 @@ PAYLOAD = 200.0  # kg
 ADDED = 100.0  # kg
 ADDED_AT = 3.0  # s
 SWITCH_18, SWITCH_19 = 10.0, 5.0  # s: until here the platform accelerates
+
+
+def sample_times(trajectory: Trajectory) -> FloatArray:
+    """Return the times of the samples along a trajectory (n,), s."""
+    return np.arange(round(trajectory.duration / SAMPLE_TIME) + 1, dtype=np.float64) * SAMPLE_TIME
 
 
 @dataclass(frozen=True)
@@ -53,12 +58,14 @@ def along(
     robot: Robot, trajectory: Trajectory, payload_at: Callable[[float], float], name: str
 ) -> TensionStudy:
     """Return the tensions of both models; ``payload_at`` gives the payload's mass (kg) at a time (s)."""
-    time = np.arange(round(trajectory.duration / SAMPLE_TIME) + 1, dtype=np.float64) * SAMPLE_TIME
+    time = sample_times(trajectory)
     payload = np.array([payload_at(t) for t in time])
     tensions, feasible = {}, True
     for model in (FeedforwardModel.DYNAMIC, FeedforwardModel.STATIC):
         settings = {
-            mass: FeedforwardSettings(model, PayloadSource.NOMINAL, Payload(mass, np.zeros(3)))
+            mass: FeedforwardSettings(
+                model, payload_source=PayloadSource.NOMINAL, nominal_payload=Payload(mass, np.zeros(3))
+            )
             for mass in set(payload.tolist())
         }
         feedforward = Feedforward(robot, settings[payload[0]])
@@ -77,6 +84,11 @@ def along(
 def first_simulation(robot: Robot) -> TensionStudy:
     """Return the study of eq. 18, level, 200 kg of payload (figures 8 and 9)."""
     return along(robot, paper_18(robot.trajectory_center), lambda t: PAYLOAD, "(18)")
+
+
+def level_simulation(robot: Robot) -> TensionStudy:
+    """Return the study of eq. 19, level, 200 kg of payload: the second one without its rotation."""
+    return along(robot, paper_19(robot.trajectory_center), lambda t: PAYLOAD, "(19), level")
 
 
 def second_simulation(robot: Robot) -> TensionStudy:

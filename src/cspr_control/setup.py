@@ -8,7 +8,7 @@ NODES = [
     *(f"{name} = {PACKAGE}.nodes.control_nodes:{name}" for name in COMPONENT_NODES),
     *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in ("motor_controller", "robot_markers", "control")),
 ]
-PROGRAMS = ("demo", "closed_loop", "analyze", "rerun", "workspace", "faults")
+PROGRAMS = ("demo", "closed_loop", "analyze", "identify", "rerun", "workspace", "faults", "stability")
 
 setup(
     name=PACKAGE,
@@ -24,6 +24,7 @@ setup(
         "numpy",
         "scipy",
         "matplotlib",
+        "msgspec",
         "cspr_drivers",
         "cspr_kinematics",
         "cspr_msgs_py",

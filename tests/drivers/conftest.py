@@ -256,6 +256,7 @@ def config(mapping):
     mapping["timeouts"].update(
         command=0.3,
         feedback=0.3,
+        supervisor=0.6,
         heartbeat_producer=0.03,
         heartbeat_consumer=0.6,
         sdo=0.1,

@@ -125,6 +125,7 @@ ODD = [
 
 @pytest.mark.parametrize("head", ["", "%YAML 1.2\n---\n"], ids=["plain", "says it is YAML 1.2"])
 @pytest.mark.parametrize("text", [*SPELLINGS, *ODD])
+@pytest.mark.filterwarnings("error")
 def test_a_spelling_means_the_same_in_every_file(text: str, head: str) -> None:
     indented = text.replace("\n", "\n    ")
     parameters = ParameterFile(f"{head}probe:\n  ros__parameters:\n    p: {indented}\n", "control.yaml")

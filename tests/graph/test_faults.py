@@ -27,7 +27,7 @@ def check(scenario, moving):
     assert outcome.drop <= LARGEST_DROP
     assert outcome.jump < LARGEST_JUMP
     if outcome.controlled and not scenario.harms_tension:
-        assert outcome.lowest_tension > ROBOT.tension_min
+        assert outcome.lowest_tension > ROBOT.tension_min.max()
 
 
 @pytest.mark.parametrize("scenario", [s for s in SCENARIOS if s.held], ids=lambda scenario: scenario.name)
@@ -51,10 +51,15 @@ def documented():
 
 
 def test_every_kind_of_fault_has_a_scenario():
-    shown = {row[1].partition(":")[0] for row in documented().values()}
+    causes = [cause for row in documented().values() for cause in row[1].split("; then ")]
+    shown = {cause.partition(":")[0] for cause in causes}
     untested = {kind for kind in FaultKind if kind.value not in shown}
-    # Drivers that answer late are drivers that have a fault: only those that test_supervision plays do not say so.
-    assert untested == {FaultKind.TIMEOUT}, "add a scenario to closed_loop/fault_scenarios.py"
+    # Drivers that answer late are drivers that have a fault, a cable that hangs slack shows before its tension has been
+    # too low for long, as its length fits no pose, and no node ends alone in simulated time. Only what test_supervision
+    # plays says these.
+    assert untested == {FaultKind.TIMEOUT, FaultKind.TENSION_LOW, FaultKind.NODE}, (
+        "add a scenario to closed_loop/fault_scenarios.py"
+    )
 
 
 def test_every_fault_is_in_the_document_with_what_it_costs():

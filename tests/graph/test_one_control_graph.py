@@ -42,7 +42,11 @@ OUTPUTS = {
         topics.SETPOINT,
         topics.PLATFORM_POSE,
         topics.PAYLOAD,
+        topics.PAYLOAD_IN_USE,
+        topics.EXTERNAL_WRENCH,
+        topics.LOAD_CELL_CHECK,
         topics.ROBOT_STATE,
+        topics.SUPERVISOR_ALIVE,
         topics.TRAJECTORY_STATE,
         topics.DIAGNOSTICS,
         *(topics.motor_command(k + 1) for k in range(COUNT)),
@@ -181,6 +185,8 @@ class DrivenLoop:
             plant=SimpleNamespace(payload=Payload.none()),
             begin=lambda: None,
             command=lambda *command: None,
+            supervised=lambda stamp_ns: None,
+            faults=SimpleNamespace(),
             call=lambda service: Decision(True, ""),
         )
         self._loop = ClosedLoop(ROBOT, control_settings(ROBOT, parameters), machine, latency=0.0005)
@@ -246,7 +252,7 @@ def test_nodes_alone_nodes_together_and_the_closed_loop_publish_the_same_bytes(p
     declared = {topic.name for component in graph.components.values() for topic in component.outputs}
     assert {topic for topic, _ in in_loop} == set(OUTPUTS) == declared  # each declared output is published
     assert seen(in_loop, topics.ROBOT_STATE) == ["disabled", "enabling", "enabled", "fault"]
-    phases = ["approach", "running", "stopping", "hold", "approach", "hold"]
+    phases = ["approach", "running", "stopping", "hold", "approach", "stopping", "hold"]
     assert seen(in_loop, topics.TRAJECTORY_STATE) == ["idle", "hold", *phases]
     for create in (together, alone):
         by_nodes = play(DrivenNodes(monkeypatch, create))

@@ -68,6 +68,8 @@ TELLING = (
     "_why_not_at_rest",
     "answered",
     "problem",
+    "position_problem",
+    "speed_problem",
 )  # functions that return what is wrong, in words
 
 
@@ -90,7 +92,14 @@ def causes(path):
 
 
 @pytest.mark.parametrize(
-    "module", ["drives/group.py", "drives/cycle.py", "drives/torque_watch.py", "devices/device.py"]
+    "module",
+    [
+        "drives/group.py",
+        "drives/cycle.py",
+        "drives/torque_watch.py",
+        "drives/motion_watch.py",
+        "devices/device.py",
+    ],
 )
 def test_causes_in_the_program_are_in_the_document(module):
     table = " ".join(row[0] for row in rows("Causes from `can_drives`"))
@@ -125,6 +134,15 @@ def test_values_on_diagnostics_are_those_of_the_document():
 
 
 def test_times_that_the_document_names_exist():
-    for name in ("command", "feedback", "rpdo", "heartbeat_consumer", "transition", "enable", "stop"):
+    for name in (
+        "command",
+        "feedback",
+        "supervisor",
+        "rpdo",
+        "heartbeat_consumer",
+        "transition",
+        "enable",
+        "stop",
+    ):
         assert f"`{name}`" in WORDS
         assert name in Timeouts.__dataclass_fields__

@@ -89,7 +89,7 @@ def another(row: NodeParameter) -> Any:
         return row.default + 1
     if row.kind is float:
         default = 200.0 if row.default is float else row.default
-        return 0.9 * default if default else 1.5
+        return 0.9 * default if default else min(1.5, row.maximum or 1.5)
     return "nowhere.yaml"
 
 

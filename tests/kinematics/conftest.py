@@ -1,4 +1,4 @@
-"""The shipped robots, CoGiRo, two made for the tests, and random motions."""
+"""The shipped robots, CoGiRo, a small one, two made for the tests, and random motions."""
 
 from __future__ import annotations
 
@@ -45,7 +45,12 @@ def twelve_cables() -> Robot:
     return Robot.from_yaml(ROBOTS / "twelve_cables.yaml")
 
 
-@pytest.fixture(params=["robot", "robot_with_pulleys", "cogiro", "six_cables", "twelve_cables"])
+@pytest.fixture(scope="session")
+def ten_cables() -> Robot:
+    return Robot.from_yaml(ROBOTS / "ten_cables.yaml")
+
+
+@pytest.fixture(params=["robot", "robot_with_pulleys", "cogiro", "six_cables", "ten_cables", "twelve_cables"])
 def any_robot(request: pytest.FixtureRequest) -> Robot:
     robot: Robot = request.getfixturevalue(request.param)
     return robot

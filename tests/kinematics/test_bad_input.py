@@ -13,6 +13,7 @@ import pytest
 
 from cspr_kinematics import (
     Acceleration,
+    CableProperties,
     CableReachError,
     ForwardKinematicsError,
     InvalidInputError,
@@ -96,6 +97,15 @@ def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
         "Winch": lambda x: Winch(x, 30.0, lengths),
         "Winch.motor_angle": robot.winch.motor_angle,
         "Winch.tension": robot.winch.tension,
+        "CableProperties.axial_stiffness": CableProperties,
+        "CableProperties.damping_time": lambda x: CableProperties(1e6, x),
+        "CableProperties.mass_per_metre": lambda x: CableProperties(mass_per_metre=x),
+        "Robot.measured_home_tensions": lambda x: dataclasses.replace(
+            robot, measured_home_tensions=_required(x)
+        ),
+        "Robot.length_uncertainty": lambda x: dataclasses.replace(robot, length_uncertainty=_required(x)),
+        "Robot.cable_lengths": robot.cable_lengths,
+        "Robot.motor_angles": lambda x: robot.motor_angles(lengths, _required(x)),
         "Pulleys.radius": Pulleys,
         "Pulleys.swivel_axis": lambda x: Pulleys(0.05, x),
         "Robot.tension_min": lambda x: dataclasses.replace(robot, tension_min=x),
@@ -111,9 +121,11 @@ def calls(robot: Robot) -> dict[str, Callable[[Any], object]]:
         "tensions.threads": lambda x: distribute_tensions(A, w, *limits, "closest", threads=x),
         "TensionBlend.slew": lambda x: TensionBlend("closest", slew=x),
         "forward.lengths": lambda x: forward_kinematics(robot, x),
-        "forward.max_residual": lambda x: forward_kinematics(robot, lengths, home, max_residual=x),
+        "forward.deviation": lambda x: forward_kinematics(
+            robot, lengths, home, length_deviation=_required(x)
+        ),
         "forward.max_iterations": lambda x: forward_kinematics(robot, lengths, home, max_iterations=x),
-        "forward.deviation": lambda x: solve_forward_kinematics(
+        "solve_forward.deviation": lambda x: solve_forward_kinematics(
             robot, lengths, home, length_deviation=_required(x)
         ),
         "pose_covariance": lambda x: pose_covariance(robot, home, x),

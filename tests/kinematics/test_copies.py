@@ -31,7 +31,9 @@ from cspr_kinematics import (
     cable_lengths,
     distribute_tensions,
     forward_kinematics,
+    holding_tensions,
     inverse_kinematics,
+    length_accelerations,
     required_wrench,
     solve_forward_kinematics,
 )
@@ -81,6 +83,7 @@ def test_copies_are_immutable_and_compile_nothing(robot_with_pulleys: Robot, way
     everything = (
         *(robot, payload, *motion, inverse_kinematics(robot, home), solve_forward_kinematics(robot, lengths)),
         *(Task(0.0, 1.0), available_wrenches(A, 50.0, 3000.0), cable_interference(robot, home)),
+        robot.cables,
     )
     copies = [WAYS[way](value) for value in everything]
     for value in copies:
@@ -89,6 +92,10 @@ def test_copies_are_immutable_and_compile_nothing(robot_with_pulleys: Robot, way
     other, load, *moved = copies[:5]
     np.testing.assert_array_equal(feedforward(other, *moved, load), expected)
     np.testing.assert_array_equal(forward_kinematics(other, lengths, moved[0]).position, home.position)
+    held, expected = holding_tensions(other, moved[0], load), holding_tensions(robot, home, payload)
+    np.testing.assert_array_equal(held.tensions, expected.tensions)
+    np.testing.assert_array_equal(other.motor_angles(lengths), robot.motor_angles(lengths))
+    np.testing.assert_array_equal(length_accelerations(other, *moved), length_accelerations(robot, *motion))
     assert [list(kernel.signatures) for kernel in KERNELS] == signatures
 
 

@@ -1,7 +1,8 @@
 """The drivers and the emulated robot as two processes on the kernel's CAN, vcan0 and vcan1.
 
-One pair of processes serves all tests of a module; each test begins with the drives disabled, after a fault reset by
-the operator where the one before has left a fault. What is on the wire is what candump says.
+One pair of processes serves all tests of a module, at the PACE (rate, speed) of the module if it has one; each test
+begins with the drives disabled, after a fault reset by the operator where the one before has left a fault. What is on
+the wire is what candump says.
 """
 
 import contextlib
@@ -32,7 +33,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 from tests.messages import from_diagnostic_array
 
-from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, sample_publisher, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
@@ -40,32 +41,48 @@ from cspr_msgs_py.topics import (
     LOAD_CELL_STATES,
     MOTOR_STATES,
     SETPOINT,
+    SUPERVISOR_ALIVE,
     cable_names,
     motor_command,
     motor_names,
 )
 from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.samples import SignOfLife
 
 ROOT = Path(__file__).parents[2]
 CHANNELS = ("vcan0", "vcan1")
 MOTORS = 8
 PATIENCE = 300.0  # s; a generous limit for what takes seconds on a quiet machine
 
-# One virtual CPU of a slow and busy machine runs drivers, devices, plant and test: a slower cycle, watchdogs to match,
-# and all of it in slow motion, so that nobody who has to wait for the CPU for a second is taken for dead.
-RATE = 25.0  # Hz; a real machine runs at ten times as much
-SPEED = 0.2  # seconds of the machine in a second of the computer
-TIMEOUTS = {  # s of the machine
-    "command": 0.5,  # below rpdo, so that the driver names the cause before the drives act
-    "feedback": 0.45,  # below command: without states there are no commands, and silence is the cause
-    "rpdo": 0.8,
-    "heartbeat_producer": 0.3,
-    "heartbeat_consumer": 0.9,
-    "sdo": 5.0,
-    "transition": 5.0,
-    "enable": 15.0,
-    "stop": 10.0,
+WATCHDOGS = {  # s of the computer
+    "command": 2.5,  # below rpdo, so that the driver names the cause before the drives act
+    "feedback": 2.25,  # below command: without states there are no commands, and silence is the cause
+    "supervisor": 3.0,
+    "rpdo": 4.0,
+    "heartbeat_producer": 1.5,
+    "heartbeat_consumer": 4.5,
 }
+PROCEDURES = {"sdo": 5.0, "transition": 5.0, "enable": 15.0, "stop": 10.0}  # s of the machine
+
+
+@dataclass(frozen=True)
+class Pace:
+    """One virtual CPU of a slow and busy machine runs drivers, devices, plant and test.
+
+    So there is a slower cycle, watchdogs to match, and all of it in slow motion, so that nobody who has to wait for the
+    CPU for a second is taken for dead.
+    """
+
+    rate: float  # cycles in a second of the machine, Hz
+    speed: float  # seconds of the machine in a second of the computer
+
+    @property
+    def timeouts(self):
+        """Of can.yaml, s of the machine."""
+        return {name: value * self.speed for name, value in WATCHDOGS.items()} | PROCEDURES
+
+
+USUAL_PACE = Pace(25.0, 0.2)  # the rate of a real machine is ten times as high
 
 KP, KD = 0.3, 0.03  # N m/rad and N m s/rad of the probe that plays the motor controllers
 
@@ -114,10 +131,21 @@ class Candump:
         self._process = subprocess.Popen(["candump", "-L", "any"], stdout=self._file)
 
     def frames(self, since=0.0):
-        """Return the frames that were seen from a moment (s of the system clock) on."""
-        lines = self._path.read_text().splitlines()
-        found = [_LINE.fullmatch(line) for line in lines]
-        frames = [Frame(float(f[1]), f[2], int(f[3], 16), bytes.fromhex(f[4])) for f in found if f]
+        """Return the frames that were on the wire from a moment (s of the system clock) until now.
+
+        The witness waits for the CPU too: it has written all of them when it has written a later one, and one of the
+        SYNCs and heartbeats is never far.
+        """
+        now, written = time.time(), []
+
+        def caught_up():
+            written[:] = self._path.read_text().splitlines()
+            newest = next(filter(None, map(_LINE.fullmatch, reversed(written))), None)
+            return newest is not None and float(newest[1]) >= now
+
+        wait_for(caught_up, "candump sees no frames any more")
+        found = [match for match in map(_LINE.fullmatch, written) if match]
+        frames = [Frame(float(f[1]), f[2], int(f[3], 16), bytes.fromhex(f[4])) for f in found]
         return [frame for frame in frames if frame.time >= since]
 
     def close(self):
@@ -127,14 +155,14 @@ class Candump:
 
 
 # Real drives have no slow motion, so the executable has no parameter for it.
-SLOW_DRIVERS = f"""
+SLOW_DRIVERS = """
 import sys
 from cspr_drivers.clock import SlowClock
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL
 from cspr_drivers.nodes.drivers import create_nodes
 from cspr_msgs_py.runtime.process import run_nodes
 sys.setswitchinterval(SWITCH_INTERVAL)
-sys.exit(run_nodes(lambda: create_nodes(SlowClock({SPEED}))))
+sys.exit(run_nodes(lambda: create_nodes(SlowClock({speed}))))
 """
 
 
@@ -212,6 +240,7 @@ class Probe:
         self._cells = JointStateCodec(cable_names(MOTORS), position=False, velocity=False)
         self._codecs = [JointStateCodec((name,), position=False, velocity=False) for name in names]
         self._setpoints = advertise(self.node, SETPOINT)
+        self._alive = sample_publisher(self.node, SUPERVISOR_ALIVE)  # as a supervisor does
         self._commands = [advertise(self.node, motor_command(k)) for k in range(1, MOTORS + 1)]
         subscribe_raw(self.node, MOTOR_STATES, self._answer)
         subscribe_raw(self.node, CABLE_TENSIONS, self._measured)
@@ -230,6 +259,7 @@ class Probe:
     def _answer(self, buffer):
         state = self._states.decode(buffer)
         self.state = state
+        self._alive(SignOfLife(state.stamp_ns))
         if not self.answers or self.tensions is None:
             return
         if self._anchor is None:
@@ -314,12 +344,11 @@ def wait_for(condition, problem, patience=PATIENCE):
 class Bench:
     """Drivers and emulated robot, each a process, on two kernel CAN buses, with probe and witness."""
 
-    rate, speed = RATE, SPEED
-
-    def __init__(self, directory):
+    def __init__(self, directory, pace):
         self.directory = directory
+        self.pace = pace
         self.config = directory / "can.yaml"
-        self.config.write_text(yaml.safe_dump(two_buses(RATE, TIMEOUTS)))
+        self.config.write_text(yaml.safe_dump(two_buses(pace)))
         (directory / "eds").symlink_to(ROOT / "config" / "eds")
         self.wire = Candump(directory / "candump.log")
         self.probe = Probe()
@@ -333,14 +362,15 @@ class Bench:
             [
                 *("-p", f"can_config:={self.config}"),
                 *("-p", f"simulation_config:={ROOT}/config/simulation.yaml"),
-                *("-p", f"speed:={SPEED}"),
+                *("-p", f"speed:={self.pace.speed}"),
             ],
             self.directory,
         )
 
     def start_drivers(self):
+        code = SLOW_DRIVERS.format(speed=self.pace.speed)
         self.drivers = Process(
-            "drivers", None, ["-p", f"can_config:={self.config}"], self.directory, code=SLOW_DRIVERS
+            "drivers", None, ["-p", f"can_config:={self.config}"], self.directory, code=code
         )
 
     def ready(self):
@@ -439,11 +469,12 @@ class Bench:
         self.probe.close()
 
 
-def two_buses(rate, timeouts):
+def two_buses(pace):
     """Return the shipped configuration with half of the devices on each of two buses."""
     content = yaml.safe_load((ROOT / "config" / "can.yaml").read_text())
-    content["rate"] = rate
-    content["timeouts"].update(timeouts)
+    content["rate"] = pace.rate
+    content["timeouts"].update(pace.timeouts)
+    content["allowed_drop"] = 0.2  # nothing hangs from it
     (name,) = content["buses"]
     bus = content["buses"].pop(name)
     for place, channel in enumerate(CHANNELS):
@@ -517,8 +548,9 @@ class WireReport:
 
 
 @pytest.fixture(scope="module")
-def processes(tmp_path_factory):
-    bench = Bench(tmp_path_factory.mktemp("socketcan"))
+def processes(request, tmp_path_factory):
+    pace = Pace(*request.module.PACE) if hasattr(request.module, "PACE") else USUAL_PACE
+    bench = Bench(tmp_path_factory.mktemp("socketcan"), pace)
     yield bench
     bench.close()
 
@@ -586,14 +618,8 @@ def root():
 def two_buses_file(tmp_path):
     """The shipped configuration, half of its devices on each of two buses of the kernel."""
     path = tmp_path / "can.yaml"
-    path.write_text(yaml.safe_dump(two_buses(RATE, TIMEOUTS)))
+    path.write_text(yaml.safe_dump(two_buses(USUAL_PACE)))
     return path
-
-
-@pytest.fixture
-def rate(bench):
-    """Cycles in a second of the machine, Hz."""
-    return bench.rate
 
 
 @pytest.fixture

@@ -30,7 +30,6 @@ def test_a_driver_that_is_killed(bench):
     killed = time.time()
     assert bench.drivers.wait() == -signal.SIGKILL
     bench.until(lambda: bench.probe.brakes_open == 0, "brakes stay open without a driver")
-    time.sleep(1.0)  # what may still be on its way to candump's file
     frames = bench.wire.frames(since=killed)
     # EMCY 8130h (heartbeat) or 8250h (RPDO timeout) of every drive: CiA 301, section 7.2.7.1
     told = {
@@ -48,7 +47,7 @@ def test_a_driver_that_is_killed(bench):
 def test_a_driver_that_is_frozen_for_a_second(bench):
     bench.enable()
     bench.drivers.send(signal.SIGSTOP)
-    time.sleep(1.0 / bench.speed)
+    time.sleep(1.0 / bench.pace.speed)
     bench.drivers.send(signal.SIGCONT)
     # the drives have stopped by themselves meanwhile; the driver finds them so, or finds the commands missing first
     bench.held("motor_")
@@ -139,7 +138,7 @@ def test_a_controller_that_is_killed(bench, executable, root):
         "motor_controller",
         "cspr_control.nodes.motor_controller",
         "-p", "motor:=3",
-        "-p", f"control_rate:={bench.rate}",
+        "-p", f"control_rate:={bench.pace.rate}",
         "-p", "kp:=0.3",
         "-p", "kd:=0.02",
         "-p", "setpoint_timeout:=1.0",

@@ -4,38 +4,38 @@ import subprocess
 
 import pytest
 from studies import paper
+from studies.geometries import SHIPPED
 from studies.paper_results import TensionResults
-
-from cspr_kinematics import Robot
-
-
-@pytest.fixture(scope="module")
-def tensions():
-    """Compute what figures 7 to 10 show once for all tests."""
-    return TensionResults.compute(Robot.from_yaml(paper.ROOT / "config" / "robot.yaml"))
+from studies.statement import Statement
 
 
 @pytest.fixture(autouse=True)
-def computed_once(monkeypatch, tensions):
-    monkeypatch.setattr(TensionResults, "compute", lambda robot: tensions)
+def computed_once(monkeypatch, tension_results):
+    by_name = {SHIPPED.robot.name: "shipped"}
+    monkeypatch.setattr(
+        TensionResults, "compute", lambda robot: tension_results[by_name.get(robot.name, "second")]
+    )
 
 
 @pytest.fixture
 def without_closed_loops(monkeypatch):
     """Leave out the closed loops, which take minutes, and all figures; what comes after them stays."""
-    monkeypatch.setattr(paper, "draw_tension_figures", lambda tensions, robot, output: None)
-    monkeypatch.setattr(paper, "_closed_loops", lambda: None)
-    monkeypatch.setattr(paper, "write_loop_tables", lambda loops, robot, output: None)
-    monkeypatch.setattr(paper, "draw_loop_figures", lambda loops, output: None)
+    monkeypatch.setattr(paper, "draw_geometries", lambda geometries, output: None)
+    monkeypatch.setattr(paper, "draw_tension_figures", lambda tensions, geometry, output: None)
+    monkeypatch.setattr(paper, "_closed_loops", lambda geometries: {one.name: None for one in geometries})
+    for name in ("write_loop_tables", "draw_loop_figures", "draw_platform_figure"):
+        monkeypatch.setattr(paper, name, lambda results, output: None)
     monkeypatch.setattr(paper, "loop_blocks", lambda loops: {})
+    monkeypatch.setattr(paper, "experiment_statements", lambda results: [])
 
 
-def test_figures_7_to_10_alone(tmp_path, capsys):
+def test_figures_6_to_10_alone(tmp_path, capsys):
     assert paper.main(["--only", "tensions", "--output", str(tmp_path)]) == 0
     names = {path.name for path in tmp_path.iterdir()}
-    pictures = {f"figure_{k:02}.{kind}" for k in (7, 8, 9, 10) for kind in ("png", "svg")}
-    assert names >= {*pictures, "figure_08.csv", "figure_09.csv", "figure_10.csv", "paper.md"}
-    assert "figures 7 to 10: " in capsys.readouterr().out
+    both = [f"{k:02}{suffix}" for k in (8, 9, 10) for suffix in ("", "_second")]
+    assert names >= {f"figure_{k}.{kind}" for k in ("06", "07", *both) for kind in ("png", "svg")}
+    assert names >= {*(f"figure_{k}.csv" for k in both), "paper.md", "second_geometry"}
+    assert "figures 6 to 10: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("arguments", "speed"), [([], "1"), (["--speed", "0.5"], "0.5")])
@@ -58,6 +58,17 @@ def test_a_live_run_that_fails_costs_nothing_else(
 
 def test_without_a_live_run(tmp_path, without_closed_loops):
     assert paper.main(["--output", str(tmp_path), "--live", "none"]) == 0
+
+
+def test_a_statement_that_fails_with_the_second_geometry_is_named(
+    tmp_path, monkeypatch, capsys, without_closed_loops
+):
+    failed = Statement("figure 11 grows with the load", "it falls", False)
+    monkeypatch.setattr(
+        paper, "experiment_statements", lambda results: [failed, Statement("no measure", "1 N", None)]
+    )
+    assert paper.main(["--output", str(tmp_path), "--live", "none"]) == 1
+    assert "it does not hold that figure 11 grows with the load: it falls" in capsys.readouterr().err
 
 
 def test_the_help_names_every_option(capsys):

@@ -5,23 +5,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.geometries import SHIPPED
 from studies.paper_document import fill, tension_blocks
-from studies.paper_results import TensionResults, write_tension_tables
+from studies.paper_results import write_tension_tables
 
 from cspr_control.reference.paper import paper_18
-from cspr_kinematics import Robot, inverse_kinematics
+from cspr_kinematics import inverse_kinematics
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return Robot.from_yaml(ROOT / "config" / "robot.yaml")
+    return SHIPPED.robot
 
 
 @pytest.fixture(scope="module")
-def results(robot):
-    return TensionResults.compute(robot)
+def results(tension_results):
+    return tension_results["shipped"]
 
 
 def test_the_deviation_is_what_mass_times_acceleration_asks_of_the_cables(robot, results):
@@ -55,17 +56,17 @@ def test_the_added_load_deviates_by_its_mass(results):
     assert ratio == pytest.approx(453.0 / 353.0, rel=0.01)
 
 
-def test_the_document_is_up_to_date(robot, results):
+def test_the_document_is_up_to_date(tension_results):
     document = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    assert fill(document, tension_blocks(results, robot)) == document, "make paper ARGS=--update"
+    assert fill(document, tension_blocks(tension_results)) == document, "make paper ARGS=--update"
     with pytest.raises(ValueError, match="no block nothing"):
         fill(document, {"nothing": ""})
     for name in ("figure-11", "changing-load", "statements-experiment", "live"):
         assert f"<!-- begin {name} -->\n<!-- end" not in document
 
 
-def test_the_tables_hold_what_the_figures_show(robot, results, tmp_path):
-    write_tension_tables(results, robot, tmp_path)
+def test_the_tables_hold_what_the_figures_show(results, tmp_path):
+    write_tension_tables(results, SHIPPED, tmp_path)
     with open(tmp_path / "figure_09.csv", encoding="utf-8", newline="") as file:
         table = list(csv.DictReader(file))
     assert len(table) == 16

@@ -47,6 +47,8 @@ PROGRAMS = {  # what ends by itself, and words that its --help must have
     "workspace": ("--robot", "--payload", "--json FILE", "examples:"),
     "analyze": ("BAG", "--output", "--label", "examples:"),
     "rerun": ("BAG", "--set", "--payload", "examples:"),
+    "stability": ("DIR", "--latency", "--json FILE", "examples:"),
+    "identify": ("BAG", "--robot", "--json FILE", "examples:"),
     "cspr": ("demo", "analyze", "commission"),
     "recover": ("--output", "examples:"),
     "replay": ("--rate", "--loop", "--start", "--topics", "examples:"),

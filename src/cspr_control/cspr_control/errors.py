@@ -19,3 +19,7 @@ class PayloadError(ControlError):
 
 class SettingError(ControlError):
     """A setting has a value that the controller cannot work with."""
+
+
+class StabilityError(ControlError):
+    """The stability of the loop cannot be computed, or is not enough."""

@@ -28,7 +28,7 @@ Samples are the records of `cspr_msgs_py.wire`; `cspr_msgs_py.wire.topic_codecs`
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from heapq import heapify, heapreplace
+from heapq import heapify, heappush, heapreplace
 from typing import Any, NamedTuple
 
 from cspr_control.components.component import Call, Component, Output, Outputs, Publication, Timer
@@ -93,8 +93,9 @@ class ControlGraph:
         self._heard_instead = heard_instead or {}
         self._routes: dict[str, list[Route]] = {}
         self.services: dict[str, Any] = {}
-        # A heap: when each timer is due next, monotonic s, and which of those due at one moment comes first.
-        self._due: list[tuple[float, int, Timer]] = []
+        # A heap: when each timer is due next, monotonic s, which of those due at one moment comes first, and whose
+        # it is.
+        self._due: list[tuple[float, int, Component, Timer]] = []
         for component in components:
             self.add(component)
 
@@ -110,6 +111,27 @@ class ControlGraph:
                 new.append(topic)
             self._routes.setdefault(topic.name, []).append(Route(component, own, component.handler(own)))
         return tuple(new)
+
+    def end(self, name: str) -> None:
+        """Let a component end from one moment to the next, as by SIGKILL."""
+        ended = self.components.pop(name)
+        for routes in self._routes.values():
+            routes[:] = [route for route in routes if route.component is not ended]
+        for service in ended.services():
+            del self.services[service]
+        self._due = [due for due in self._due if due[2] is not ended]
+        heapify(self._due)
+
+    def start(self, component: Component, now: float) -> list[Output]:
+        """Start a component while the others run; it hears topics last. Return what it publishes first."""
+        self.add(component)
+        self._set_timers(component, now)
+        return self._through(component.begin(), now)
+
+    def _set_timers(self, component: Component, now: float) -> None:
+        first = 1 + max((order for _, order, _, _ in self._due), default=-1)
+        for order, timer in enumerate(component.timers(), first):
+            heappush(self._due, (now + timer.period, order, component, timer))
 
     def routes(self, topic: Topic) -> Sequence[Route]:
         """Return the routes of a topic, one for each component that hears it, in their order.
@@ -140,9 +162,9 @@ class ControlGraph:
 
     def begin(self, now: float) -> list[Output]:
         """Return what is published before anything has arrived; timers count from here."""
-        timers = [timer for component in self.components.values() for timer in component.timers()]
-        self._due = [(now + timer.period, order, timer) for order, timer in enumerate(timers)]
-        heapify(self._due)
+        self._due = []
+        for component in self.components.values():
+            self._set_timers(component, now)
         begun = (component.begin() for component in self.components.values())
         return self._through([output for outputs in begun for output in outputs], now)
 
@@ -152,9 +174,9 @@ class ControlGraph:
             return self.begin(now)
         outputs: list[Output] = []
         while self.next_due <= now:
-            time, order, timer = self._due[0]
+            time, order, component, timer = self._due[0]
             outputs += self._through(timer.run(time), time)
-            heapreplace(self._due, (time + timer.period, order, timer))
+            heapreplace(self._due, (time + timer.period, order, component, timer))
         return outputs
 
     @property
@@ -197,7 +219,7 @@ def control_graph(
     heard_instead
         See `ControlGraph`.
     """
-    m, period = robot.number_of_cables, 1.0 / settings.control_rate
+    period = 1.0 / settings.control_rate
     components = (
         *(
             MotorComponent(number, robot.motor, settings.gains, timeout)
@@ -207,6 +229,6 @@ def control_graph(
         FeedforwardComponent(robot, settings.feedforward),
         PoseComponent(robot, settings.pose_rate, period),
         PayloadComponent(robot, settings.payload),
-        SupervisionComponent(m, settings.supervision),
+        SupervisionComponent(robot, settings.supervision),
     )
     return ControlGraph(sorted(components, key=lambda each: ORDER.index(type(each))), heard_instead)

@@ -4,6 +4,7 @@ from cspr_kinematics.dynamics.dynamics import GRAVITY as GRAVITY
 from cspr_kinematics.dynamics.dynamics import balance_regressor as balance_regressor
 from cspr_kinematics.dynamics.dynamics import required_wrench as required_wrench
 from cspr_kinematics.dynamics.dynamics import static_wrench as static_wrench
+from cspr_kinematics.dynamics.rope_weight import rope_wrench as rope_wrench
 from cspr_kinematics.errors import CableReachError as CableReachError
 from cspr_kinematics.errors import ConfigurationFileError as ConfigurationFileError
 from cspr_kinematics.errors import ForwardKinematicsError as ForwardKinematicsError
@@ -11,6 +12,7 @@ from cspr_kinematics.errors import InvalidInputError as InvalidInputError
 from cspr_kinematics.errors import KinematicsError as KinematicsError
 from cspr_kinematics.errors import SingularWrenchMatrixError as SingularWrenchMatrixError
 from cspr_kinematics.kinematics.accuracy import pose_covariance as pose_covariance
+from cspr_kinematics.kinematics.cable_follower import CableFollower as CableFollower
 from cspr_kinematics.kinematics.forward import ForwardKinematicsSolution as ForwardKinematicsSolution
 from cspr_kinematics.kinematics.forward import ForwardKinematicsStatus as ForwardKinematicsStatus
 from cspr_kinematics.kinematics.forward import forward_kinematics as forward_kinematics
@@ -18,6 +20,7 @@ from cspr_kinematics.kinematics.forward import solve_forward_kinematics as solve
 from cspr_kinematics.kinematics.inverse import Cables as Cables
 from cspr_kinematics.kinematics.inverse import cable_lengths as cable_lengths
 from cspr_kinematics.kinematics.inverse import inverse_kinematics as inverse_kinematics
+from cspr_kinematics.kinematics.inverse import length_accelerations as length_accelerations
 from cspr_kinematics.motion.motion import Motion as Motion
 from cspr_kinematics.motion.motion import PoseSpline as PoseSpline
 from cspr_kinematics.motion.motion import motion_from_euler as motion_from_euler
@@ -26,6 +29,7 @@ from cspr_kinematics.motion.pose import Acceleration as Acceleration
 from cspr_kinematics.motion.pose import Pose as Pose
 from cspr_kinematics.motion.pose import Twist as Twist
 from cspr_kinematics.robot.cable_paths import home_lengths as home_lengths
+from cspr_kinematics.robot.cables import CableProperties as CableProperties
 from cspr_kinematics.robot.pulleys import Pulleys as Pulleys
 from cspr_kinematics.robot.rigid_body import Payload as Payload
 from cspr_kinematics.robot.rigid_body import RigidBody as RigidBody
@@ -37,6 +41,7 @@ from cspr_kinematics.tensions.blend import TensionBlend as TensionBlend
 from cspr_kinematics.tensions.distribute import Method as Method
 from cspr_kinematics.tensions.distribute import bounded_methods as bounded_methods
 from cspr_kinematics.tensions.distribute import distribute_tensions as distribute_tensions
+from cspr_kinematics.tensions.holding import holding_tensions as holding_tensions
 from cspr_kinematics.tensions.result import TensionResult as TensionResult
 from cspr_kinematics.workspace.exploration import explore_workspace as explore_workspace
 from cspr_kinematics.workspace.feasibility import Feasibility as Feasibility

@@ -93,7 +93,7 @@ def _stamp_with_sources(compiled: Any) -> None:
     cache_file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if cache_file is not None and hasattr(cache_file, "_source_stamp"):
         path = Path(compiled.py_func.__code__.co_filename)
-        if path.is_relative_to(_PACKAGE) and path.exists():
+        if path.exists():
             cache_file._source_stamp = (cache_file._source_stamp, _digest_of_sources(path))
 
 

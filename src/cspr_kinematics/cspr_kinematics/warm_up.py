@@ -12,8 +12,10 @@ from time import perf_counter
 import numpy as np
 
 from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
+from cspr_kinematics.dynamics.rope_weight import rope_wrench
+from cspr_kinematics.kinematics.cable_follower import CableFollower
 from cspr_kinematics.kinematics.forward import forward_kinematics
-from cspr_kinematics.kinematics.inverse import inverse_kinematics
+from cspr_kinematics.kinematics.inverse import inverse_kinematics, length_accelerations
 from cspr_kinematics.motion.motion import motion_from_euler
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot.robot import Robot
@@ -28,11 +30,14 @@ def warm_up(robot: Robot) -> None:
     motion_from_euler(home.position, np.zeros(3), np.zeros(3), home.euler, np.zeros(3), np.zeros(3))
     cables, limits = inverse_kinematics(robot, home), (robot.tension_min, robot.tension_max)
     required_wrench(robot, home, Twist.zero(), Acceleration.zero())
+    length_accelerations(robot, home, Twist.zero(), Acceleration.zero())
     wrench = static_wrench(robot, home)
     for method in bounded_methods(robot.number_of_cables):
         distribute_tensions(cables.wrench_matrix, wrench, *limits, method)
     available_wrenches(cables.wrench_matrix, *limits)
     forward_kinematics(robot, cables.lengths, home)
+    rope_wrench(robot, cables)
+    CableFollower(robot).follow(np.zeros(robot.number_of_cables), robot.home_tensions)
 
 
 def main() -> int:

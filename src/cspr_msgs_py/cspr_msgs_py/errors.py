@@ -1,6 +1,8 @@
 """Exceptions of this package, and how long the text of one may be."""
 
 import re
+import traceback
+from pathlib import PurePath
 
 
 def shortened(text: str) -> str:
@@ -8,11 +10,19 @@ def shortened(text: str) -> str:
     return re.sub(r"\S{201,}", lambda word: f"{word[0][:100]}...", text)
 
 
+def failure_text(error: Exception) -> str:
+    """Return in one line what went wrong, and where."""
+    text = shortened(" ".join(str(error).split()))
+    places = traceback.extract_tb(error.__traceback__)
+    where = f" ({PurePath(places[-1].filename).name}, line {places[-1].lineno})" if places else ""
+    return f"{type(error).__name__}: {text}{where}"
+
+
 class MessagesError(Exception):
     """Root of the errors that this package raises."""
 
 
-class MessageError(MessagesError):
+class MessageError(MessagesError, ValueError):
     """A message does not hold what its topic promises."""
 
 

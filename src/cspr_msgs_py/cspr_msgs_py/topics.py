@@ -59,10 +59,12 @@ MULTI_DOF_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 INERTIA_STAMPED = "geometry_msgs/msg/InertiaStamped"
+WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
+HEADER = "std_msgs/msg/Header"
 LOG = "rcl_interfaces/msg/Log"
 
 
@@ -115,14 +117,29 @@ PLATFORM_POSE = _stream(
     POSE_STAMPED,
     50.0,
     "pose_estimator",
-    "pose of the platform in base by forward kinematics of the motor angles",
+    "pose of the platform in base by forward kinematics of motor angles and tensions of the same SYNC",
 )
 PAYLOAD = _stream(
     "/payload",
     INERTIA_STAMPED,
-    50.0,
+    Rate.BUS,
     "mass_estimator",
-    "estimated mass (kg) and centre of mass (m, in platform) of the payload",
+    "estimated mass (kg) and centre of mass (m, in platform) of the payload; stamp: of the newest cycle in it",
+)
+EXTERNAL_WRENCH = _stream(
+    "/external_wrench",
+    WRENCH_STAMPED,
+    Rate.BUS,
+    "mass_estimator",
+    "force (N) and moment (N m) that the surroundings exert on the platform beyond gravity and inertia, about its "
+    "origin along the axes of base; silent while the estimate is held",
+)
+PAYLOAD_IN_USE = _latched(
+    "/payload_in_use",
+    INERTIA_STAMPED,
+    Rate.ON_CHANGE,
+    "feedforward",
+    "mass (kg) and centre of mass (m, in platform) of the payload that set-points count on",
 )
 ROBOT_STATE = _latched(
     "/robot_state",
@@ -130,6 +147,14 @@ ROBOT_STATE = _latched(
     Rate.ON_CHANGE,
     "supervisor",
     "message = state of the robot: disabled, enabling, enabled, stopping, fault; values: its cause",
+)
+SUPERVISOR_ALIVE = _stream(
+    "/supervisor_alive",
+    HEADER,
+    50.0,
+    "supervisor",
+    "sign of life: sent with each round of checks; stamp: of the newest motor states in it. Without it several drives "
+    "together are neither enabled nor stay so, and no trajectory runs",
 )
 TRAJECTORY_STATE = _latched(
     "/trajectory_state",
@@ -162,6 +187,13 @@ LOAD_CELL_STATES = _latched(
     "also once a second: first the driver as a whole (message: ok or fault; values: cause), then one status for each "
     "cable: message = ok, or what is wrong with its load cell",
 )
+LOAD_CELL_CHECK = _latched(
+    "/load_cell_check",
+    DIAGNOSTIC_STATUS,
+    Rate.ON_CHANGE,
+    "mass_estimator",
+    "message = what balance and motors say of the load cells: sound, excluded; values: cell, cause",
+)
 DIAGNOSTICS = _reliable("/diagnostics", DIAGNOSTIC_ARRAY, 1.0, "*", "health of each node")
 ROBOT_MARKERS = _reliable(
     "/robot_markers",
@@ -183,6 +215,13 @@ SIMULATED_PAYLOAD = _stream(
     50.0,
     "simulated_robot",
     "true mass (kg) and centre of mass (m, in platform) of the simulated payload",
+)
+TRUE_POSE = _stream(
+    "/true_pose",
+    POSE_STAMPED,
+    Rate.BUS,
+    "simulated_robot",
+    "true pose of the simulated platform in base, with the stamp of the motor states of the same SYNC",
 )
 SET_SIMULATED_PAYLOAD = _reliable(
     "/simulation/set_payload",

@@ -18,6 +18,26 @@ class Level(IntEnum):
     STALE = 3
 
 
+class HealthKey(StrEnum):
+    """Keys of values in ``/diagnostics`` that other nodes read.
+
+    - FAILURE: what went wrong in a node that must not, a defect; the supervisor stops the robot.
+    """
+
+    FAILURE = "failure"
+
+
+class CellCheck(StrEnum):
+    """What balance and motors say of the load cells.
+
+    - SOUND: all of them are believed.
+    - EXCLUDED: one is left out of the estimate of the payload.
+    """
+
+    SOUND = "sound"
+    EXCLUDED = "excluded"
+
+
 class RobotState(StrEnum):
     """State of the robot as a whole, as the supervisor publishes it.
 
@@ -37,6 +57,9 @@ class RobotState(StrEnum):
 
 FOLLOWING = frozenset({RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING})
 """States in which the motors follow, or are about to follow, the reference."""
+
+UNDER_TORQUE = frozenset({RobotState.ENABLED, RobotState.STOPPING})
+"""States in which the motors carry the cables: brakes open, or closing under torque."""
 
 
 class DriverState(StrEnum):
@@ -69,6 +92,7 @@ class TrajectoryName(StrEnum):
     SMOOTH_18 = "smooth-18"
     SMOOTH_19 = "smooth-19"
     SMOOTH_19_TILT = "smooth-19-tilt"
+    STROKES_Z = "strokes-z"
 
 
 class TrajectoryPhase(StrEnum):
@@ -101,11 +125,12 @@ UNDER_WAY = frozenset({TrajectoryPhase.APPROACH, TrajectoryPhase.RUNNING})
 
 
 class FeedforwardModel(StrEnum):
-    """How much of the platform's dynamics the torque anticipates.
+    """How much of the robot's dynamics the torque anticipates.
 
     - NONE: nothing, the PD controllers do all the work.
     - STATIC: the weight.
-    - DYNAMIC: weight, inertia and centrifugal wrench (docs/model.md, section 4).
+    - DYNAMIC: weight, inertia and centrifugal wrench (docs/model.md, section 4); and, unless it is told not to, what
+      accelerates the winches (section 3).
     """
 
     NONE = "none"
@@ -118,6 +143,17 @@ class PayloadSource(StrEnum):
 
     NOMINAL = "nominal"
     ESTIMATED = "estimated"
+
+
+class PayloadMethod(StrEnum):
+    """How the payload is estimated (docs/model.md, section 10).
+
+    - MOTION: from the whole balance, in any motion of the platform.
+    - STATIC: from the weight alone, as the paper does: while the platform moves slowly.
+    """
+
+    MOTION = "motion"
+    STATIC = "static"
 
 
 class PayloadStatus(StrEnum):

@@ -39,6 +39,8 @@ START = 1_790_000_000_000_000_000  # ROS time of the trajectory's start, ns
 PERIOD = 4_000_000  # ns
 POSITION_ERROR = np.radians(np.arange(1.0, 9.0))  # of motor 1 to 8, at all times
 VELOCITY_ERROR = np.radians(10.0)
+PLATFORM_ERROR = np.array([0.002, 0.0, -0.001])  # m, of the true position at all times
+PLATFORM_TURN = np.radians(0.5)  # of the true orientation about z
 TENSION_ERROR = np.array([5.0, -5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0])  # N
 
 
@@ -58,6 +60,8 @@ class Scenario:
         Seconds on the recorder's clock for one of the robot's.
     silent_cells
         How long the load cells say nothing at the start and at the end of the recording, s.
+    tracker
+        Frame in which an instrument measures the platform 50 times a second, 5 mm aside; None for no instrument.
     finished
         False to leave the bag as a power failure would.
     """
@@ -70,6 +74,7 @@ class Scenario:
     model: str = "dynamic"
     slowness: float = 1.0
     silent_cells: float = 0.0
+    tracker: str | None = None
     finished: bool = True
     fault: bool = False
 
@@ -87,7 +92,7 @@ class Scenario:
 
 
 class Motion:
-    """The motion in closed form: twice along x, once along z, at rest at both ends; s, m."""
+    """The motion in closed form: there and back along x and z, twice along y, at rest at both ends; s, m."""
 
     def __init__(self, robot: Robot, duration: float) -> None:
         self.center, self.duration = robot.trajectory_center, duration
@@ -95,16 +100,13 @@ class Motion:
     def at(self, time: np.ndarray) -> tuple[Pose, Twist, Acceleration]:
         t = np.clip(time, 0.0, self.duration)
         rate = 2.0 * np.pi / self.duration
-        size = np.array([0.3, 0.0, 0.15])
-        share = (1.0 - np.cos(rate * t)) / 2.0
-        moving = (time >= 0.0) & (time <= self.duration)
-        speed = np.where(moving, rate * np.sin(rate * t) / 2.0, 0.0)
-        acceleration = np.where(moving, rate**2 * np.cos(rate * t) / 2.0, 0.0)
-        zero = np.zeros((len(t), 3))
+        size, rates = np.array([0.3, 0.05, 0.15]), rate * np.array([1.0, 2.0, 1.0])
+        phase, zero = t[:, None] * rates, np.zeros((len(t), 3))
+        moving = ((time >= 0.0) & (time <= self.duration))[:, None]
         return (
-            Pose(self.center + share[:, None] * size, np.eye(3)),
-            Twist(speed[:, None] * size, zero),
-            Acceleration(acceleration[:, None] * size, zero),
+            Pose(self.center + size * (1.0 - np.cos(phase)) / 2.0, np.eye(3)),
+            Twist(np.where(moving, size * rates * np.sin(phase) / 2.0, 0.0), zero),
+            Acceleration(np.where(moving, size * rates**2 * np.cos(phase) / 2.0, 0.0), zero),
         )
 
 
@@ -117,6 +119,8 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
     bag = BagFile(directory, {"host": "here", "control_rate": "250.0"}, attachments)
     known = {topic.name: topic.type for topic in topics.graph_topics(8)}
     known["/rosout"] = "rcl_interfaces/msg/Log"
+    if scenario.tracker is not None:
+        known["/tracker/pose"] = topics.POSE_STAMPED
     channels = {
         name: bag.add_topic(RecordedTopic(name, kind, message_definition(kind)))
         for name, kind in known.items()
@@ -143,7 +147,7 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
     seconds = (stamps - START) * 1e-9
     pose, twist, acceleration = Motion(robot, scenario.duration).at(seconds)
     cables = inverse_kinematics(robot, pose)
-    angles = robot.winch.motor_angle(cable_lengths(robot, pose))
+    angles = robot.motor_angles(cable_lengths(robot, pose))
     rates = (cables.jacobian @ twist.vector[..., None])[..., 0]
     speeds = robot.winch.motor_speed(rates)
     masses = np.array([scenario.mass(t) for t in seconds])
@@ -185,9 +189,16 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
             twist.angular[k], acceleration.linear[k], acceleration.angular[k],
         )  # fmt: skip
         put(topics.REFERENCE.name, stamp, reference.encode(sample))
+        turned = [0.0, 0.0, np.sin(PLATFORM_TURN / 2.0), np.cos(PLATFORM_TURN / 2.0)]
+        true = pose_stamped(stamp, pose.position[k] + PLATFORM_ERROR, turned)
+        put(topics.TRUE_POSE.name, stamp, serialize_message(true))
         if k % 5 == 0:
             put_pose = pose_stamped(stamp, pose.position[k], [0.0, 0.0, 0.0, 1.0])
             put(topics.PLATFORM_POSE.name, stamp, serialize_message(put_pose))
+            aside = pose.position[k] + [0.005, 0.0, 0.0]
+            frame = scenario.tracker or ""
+            seen = serialize_message(pose_stamped(stamp, aside, [0.0, 0.0, 0.0, 1.0], frame))
+            put("/tracker/pose", stamp, seen)
             for topic, mass in (
                 (topics.PAYLOAD, scenario.estimate(seconds[k])),
                 (topics.SIMULATED_PAYLOAD, masses[k]),

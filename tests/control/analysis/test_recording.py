@@ -66,6 +66,7 @@ def test_the_directory_of_a_run_is_as_good_as_its_bag(recorded_bag: Path) -> Non
         ("/setpoint", "no motor position and velocity errors"),
         ("/cable_tensions", "no measured tensions"),
         ("/reference", "no tensions of the model"),
+        ("/true_pose", "how far the platform was from where it should be"),
         ("/simulation/payload", "the true payload is not known"),
         ("/motor_3/command", "no saturation"),
     ],

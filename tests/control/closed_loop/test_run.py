@@ -1,5 +1,6 @@
 """Runs in simulated time: the same bytes each time, the bag of a live run, and what goes wrong."""
 
+from collections import Counter
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -14,8 +15,10 @@ from cspr_control.closed_loop.run import closed_loop, run
 from cspr_control.closed_loop.scenario import PlannedFault, Scenario
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import AddedPayload
+from cspr_drivers.simulation.simulation_config import Sling
+from cspr_kinematics import forward_kinematics
 from cspr_msgs_py.bag.reader import Bag
-from cspr_msgs_py.topics import PAYLOAD
+from cspr_msgs_py.topics import CABLE_TENSIONS, DIAGNOSTICS
 from cspr_msgs_py.vocabulary import Controller, RobotState, TrajectoryName
 
 CONFIG = Path(__file__).parents[3] / "config"
@@ -84,6 +87,32 @@ def test_the_analysis_of_the_bag_says_what_the_record_says(tmp_path, devices):
     assert metrics.cycle.missed == (0 if devices else None)
 
 
+@pytest.mark.parametrize("devices", [True, False])
+def test_the_true_pose_is_of_the_moment_of_the_motor_states(devices):
+    """Every motor state has a true pose of its stamp; less what the motor angles tell, nothing grows with the speed."""
+    scenario = replace(SHORT, devices=devices)
+    published = run(scenario, keep=True).published
+    states, truth = published.joint_states("/motor_states"), published.poses("/true_pose")
+    common, rows, places = np.intersect1d(states.time_ns, truth.time_ns, return_indices=True)
+    assert common.size == states.time_ns.size > 500
+    assert np.unique(truth.time_ns).size == truth.time_ns.size
+    true = truth.position[places]
+    velocity = np.gradient(true, states.time_ns[rows] * 1e-9, axis=0)
+    moving = np.linalg.norm(velocity, axis=1) > 0.1  # m/s
+    assert moving.sum() > 50
+    robot = scenario.read_machine().robot  # as it truly is, but that cables stretch
+    told, pose = [], robot.home
+    for angles in states.position[rows][moving]:
+        pose = forward_kinematics(robot, robot.cable_lengths(angles), pose)
+        told.append(pose.position)
+    difference = true[moving] - np.array(told)
+    difference -= difference.mean(axis=0)
+    late = (difference * velocity[moving]).sum() / (velocity[moving] ** 2).sum()  # s
+    assert (
+        abs(late) < 1e-3
+    )  # half of the plant's step; what is left is stretch that comes and goes with the motion
+
+
 def test_devices_and_the_plant_alone_agree():
     errors = [run(replace(SHORT, duration=None, devices=devices)).rms_deg.mean() for devices in (True, False)]
     assert errors[0] == pytest.approx(errors[1], rel=0.1)
@@ -96,7 +125,9 @@ def test_a_stop_that_nobody_planned_is_an_error():
 
 
 def test_faults_need_devices():
-    with pytest.raises(ControlError, match="with devices"):
+    with pytest.raises(
+        ControlError, match="bus_cut needs devices that can have it; the plant alone can have cable_slack, "
+    ):
         replace(SHORT, devices=False, faults=(PlannedFault("bus_cut main", 1.0),))
     with pytest.raises(ControlError, match="there is no fault 'bus_cot'"):
         run(replace(SHORT, faults=(PlannedFault("bus_cot main", 1.0),)))
@@ -144,15 +175,58 @@ def test_a_latency_of_nothing_is_nothing():
 
 
 def test_a_slow_computer_sees_more_of_the_machine_in_a_second():
-    """Durations count on the computer's clock: at half the speed estimates come twice as often for the machine."""
-    payloads = []
+    """Durations count on the computer's clock: at half the speed reports come twice as often for the machine."""
+    reports = []
     loop = closed_loop(replace(SHORT, devices=False, speed=0.5))
-    loop.listeners.append(lambda topic, sample: payloads.append(sample) if topic is PAYLOAD else None)
+    loop.listeners.append(
+        lambda topic, sample: reports.extend(sample.statuses) if topic is DIAGNOSTICS else None
+    )
     loop.begin()
     loop.enable()
     loop.time.wait(1.0)
     assert loop.state is RobotState.ENABLED
-    before = len(payloads)
+    reports.clear()
     loop.time.wait(1.0)
-    assert len(payloads) - before == pytest.approx(100, abs=1)
+    by_name = Counter(report.name for report in reports)
+    assert {by_name[name] for name in ("feedforward", "mass_estimator", "motor_controller_1")} == {2}
     loop.machine.close()
+
+
+def shown_by_the_plant_alone(fault: str = "", **changes: object) -> np.ndarray:
+    """What load cells show while the brakes hold: half a second, and half a second with a fault."""
+    loop = closed_loop(Scenario(payload=100.0, devices=False, config=CONFIG, **changes))
+    shown = []
+    loop.listeners.append(
+        lambda topic, sample: shown.append(sample.effort) if topic is CABLE_TENSIONS else None
+    )
+    loop.begin()
+    loop.time.wait(0.5)
+    if fault:
+        loop.machine.faults.inject(loop.machine.faults.read(fault))
+    loop.time.wait(0.5)
+    return np.array(shown)
+
+
+def test_load_cells_of_the_plant_alone_have_faults() -> None:
+    sound = shown_by_the_plant_alone()
+    half, later = len(sound) // 2, len(sound) // 2 + 5
+    offset = shown_by_the_plant_alone("load_cell_offset cable_4") - sound
+    np.testing.assert_array_equal(offset[: half - 2], 0.0)
+    np.testing.assert_allclose(
+        offset[later:], 60.0 * np.eye(8)[[3] * len(offset[later:])], rtol=0.0, atol=1e-9
+    )
+    lost = sound - shown_by_the_plant_alone("load_cell_gain cable_1")
+    np.testing.assert_allclose(lost[later:, 0], 0.1 * sound[later:, 0].mean(), atol=1.0)
+    assert np.abs(shown_by_the_plant_alone("load_cell_zero cable_8")[later:, 7]).max() < 15.0
+    assert np.ptp(shown_by_the_plant_alone("load_cell_stuck cable_2")[later:, 1]) == 0.0
+    assert np.ptp(sound[later:, 1]) > 2.0
+
+
+def test_a_load_on_a_sling_pulls_to_and_fro() -> None:
+    """Half of half a period after its release it pulls straight down, and harder than at rest."""
+    sling = Sling(0.5, 60e3, deflection=(0.2, 0.0))
+    swinging, still = (shown_by_the_plant_alone(sling=each).sum(axis=1) for each in (sling, Sling(0.5, 60e3)))
+    assert np.argmax(swinging[:175]) * 4e-3 == pytest.approx(np.pi / 2 * np.sqrt(0.516 / 9.81), abs=0.1)
+    assert (swinging - still)[60:120].max() > 20.0
+    on_table = shown_by_the_plant_alone(sling=Sling(2.0, 60e3), table_height=0.5).sum(axis=1)
+    assert on_table.mean() < 0.75 * still.mean()

@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from cspr_control.demo.scenario import DemoError, Scenario, ros_parameter
 from cspr_control.parameters.experiment import AddedPayload
+from cspr_drivers.config.can_config import CanConfig
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.parameters.table import TABLE
 from cspr_msgs_py.vocabulary import Controller, TrajectoryName
@@ -63,6 +64,7 @@ def test_what_was_chosen_stands_in_the_copy(tmp_path: Path) -> None:
 def test_without_real_time_priority_the_watchdogs_wait_longer(tmp_path: Path) -> None:
     files = copied(replace(SCENARIO, realtime=False), tmp_path / "config")
     assert files["can"]["timeouts"]["command"] > shipped("can")["timeouts"]["command"]
+    CanConfig.from_mapping(files["can"], "can.yaml")  # and are allowed to
     relaxed, limits = parameters(files, "supervisor"), shipped("control")["supervisor"]["ros__parameters"]
     assert relaxed["max_age.motor_states"] > limits["max_age"]["motor_states"]
     assert relaxed["following_error_time"] > limits["following_error_time"]
@@ -93,7 +95,7 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
     [
         ("/**", "setpoint_timeout", 0.5, "5"),
         ("supervisor", "max_age.drive_states", 10.0, "100"),
-        ("mass_estimator", "center_rate_limit", 0.005, "0.0005"),
+        ("feedforward", "switch_slew", 0.005, "0.0005"),
     ],
 )
 def test_a_value_that_a_slower_machine_makes_too_large_is_refused_in_the_users_words(

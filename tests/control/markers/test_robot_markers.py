@@ -25,7 +25,17 @@ from cspr_control.markers.tension_colours import TENSION_COLOURS, UNKNOWN, tensi
 from cspr_control.reference.paper import paper_19
 from cspr_kinematics import Payload, Pose, Robot, inverse_kinematics
 from cspr_kinematics.kinematics.inverse import cable_lengths
-from cspr_msgs_py.topics import BASE_FRAME, ROBOT_MARKERS, graph_topics
+from cspr_msgs_py.topics import (
+    BASE_FRAME,
+    EXTERNAL_WRENCH,
+    LOAD_CELL_CHECK,
+    PAYLOAD,
+    PAYLOAD_IN_USE,
+    PLATFORM_POSE,
+    ROBOT_MARKERS,
+    TRUE_POSE,
+    graph_topics,
+)
 
 CONFIG = Path(__file__).parents[3] / "config"
 VIEWS = CONFIG / "views"
@@ -63,7 +73,7 @@ def test_without_pulleys_what_is_drawn_is_as_long_as_the_cables(robot):
 
 
 def test_cables_are_coloured_by_tension(robot):
-    tensions = np.linspace(robot.tension_min, robot.tension_max, 8)
+    tensions = np.linspace(50.0, 3000.0, 8)
     tensions[3] = np.nan
     colours = cable_shape(robot, POSE, tensions).colours.reshape(8, 4, 3)
     assert (colours == colours[:, :1]).all()  # one colour a cable
@@ -75,6 +85,7 @@ def test_cables_are_coloured_by_tension(robot):
     np.testing.assert_allclose(colours[3, 0], UNKNOWN)
     assert len({tuple(colour) for colour in colours[:, 0]}) == 8
     np.testing.assert_array_equal(tension_colours([-1e3, 1e6], 50.0, 3000.0), [first, last])
+    np.testing.assert_array_equal(tension_colours([500.0, 500.0], [500.0, 0.0], [1e3, 500.0]), [first, last])
 
 
 def test_the_platform_is_where_its_pose_is(robot):
@@ -123,6 +134,7 @@ def test_the_trajectory_passes_through_its_samples(robot):
 # --- config/views
 
 TOPICS = {topic.name: topic for topic in graph_topics(8)}
+PLATFORM_AND_PAYLOAD = (PLATFORM_POSE, TRUE_POSE, PAYLOAD, PAYLOAD_IN_USE, EXTERNAL_WRENCH)
 
 
 def test_rviz_shows_the_markers_in_base(robot):
@@ -158,13 +170,15 @@ def test_foxglove_shows_topics_that_there_are():
             shown.add(topic)
             _require_field(TOPICS[topic].type, field)
     assert shown <= set(TOPICS)
-    assert ROBOT_MARKERS.name in shown
+    assert {each.name for each in (ROBOT_MARKERS, LOAD_CELL_CHECK, *PLATFORM_AND_PAYLOAD)} <= shown
 
 
 def test_plotjuggler_shows_curves_that_there_are():
     root = ElementTree.parse(VIEWS / "plotjuggler.xml").getroot()
     curves = [curve.attrib["name"] for curve in root.iter("curve")]
     assert len(curves) > 30
+    for topic in PLATFORM_AND_PAYLOAD:
+        assert any(curve.startswith(f"{topic.name}/") for curve in curves)
     for curve in curves:
         topic = max((name for name in TOPICS if curve.startswith(f"{name}/")), key=len)
         rest = curve.removeprefix(f"{topic}/")

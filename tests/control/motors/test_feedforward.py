@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -6,12 +7,15 @@ import pytest
 from cspr_control.errors import PayloadError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, checked_payload
 from cspr_control.reference.paper import paper_19, paper_19_tilt
+from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_kinematics import (
     Acceleration,
+    CableProperties,
     InvalidInputError,
     Motion,
     Payload,
     Pose,
+    Robot,
     Task,
     Twist,
     assess_task,
@@ -24,6 +28,7 @@ from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStat
 
 PERIOD = 0.004
 NOMINAL = {"payload_source": PayloadSource.NOMINAL}
+WEIGHTLESS = {"winch_inertia": False, **NOMINAL}  # winches, as in the paper
 
 
 def setpoint_of(robot, reference, time=0.0, **settings):
@@ -36,18 +41,19 @@ def moving(robot):
 
 
 def test_angles_and_speeds_are_those_of_the_reference(robot):
+    robot = dataclasses.replace(robot, cables=CableProperties())  # stretch: test_stretch.py
     trajectory = paper_19_tilt(robot.trajectory_center)
     feedforward = Feedforward(robot, FeedforwardSettings(**NOMINAL))
     before, now, after = (feedforward.compute(t, trajectory.sample(t)) for t in (1.2999, 1.3, 1.3001))
     lengths = inverse_kinematics(robot, trajectory.sample(1.3).pose).lengths
-    np.testing.assert_allclose(robot.winch.cable_lengths(now.angle), lengths, atol=1e-12)
+    np.testing.assert_allclose(robot.cable_lengths(now.angle), lengths, atol=1e-12)
     np.testing.assert_allclose(now.speed, (after.angle - before.angle) / 2e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("model", [FeedforwardModel.STATIC, FeedforwardModel.DYNAMIC])
 def test_torque_gives_the_wrench_of_the_model(robot, moving, model):
     payload = Payload(100.0, [0.02, -0.03, 0.05])
-    setpoint = setpoint_of(robot, moving, model=model, nominal_payload=payload, **NOMINAL)
+    setpoint = setpoint_of(robot, moving, model=model, nominal_payload=payload, **WEIGHTLESS)
     if model is FeedforwardModel.STATIC:
         wrench = static_wrench(robot, moving.pose, payload)
     else:
@@ -61,6 +67,29 @@ def test_torque_gives_the_wrench_of_the_model(robot, moving, model):
     assert setpoint.wrench_residual < 1e-6
 
 
+@pytest.mark.parametrize("file", ["robot.yaml", "robot_pulleys.yaml"])
+def test_winches_are_given_what_accelerates_them(robot_file, file):
+    """The torque is that of winches without inertia, and J_w times what the desired speeds change by."""
+    robot = dataclasses.replace(Robot.from_yaml(robot_file.with_name(file)), cables=CableProperties())
+    trajectory = SmoothTrajectory(paper_19_tilt(robot.trajectory_center), blend_time=1.0)
+    full, weightless = (Feedforward(robot, FeedforwardSettings(**each)) for each in (NOMINAL, WEIGHTLESS))
+    largest = 0.0
+    for time in np.arange(0.0, trajectory.duration + 0.5, 0.0371).tolist():
+        before, after = (setpoint_of(robot, trajectory.sample(time + t), **NOMINAL) for t in (-1e-4, 1e-4))
+        given, plain = (each.compute(time, trajectory.sample(time)) for each in (full, weightless))
+        inertial = robot.motor.inertia * (after.speed - before.speed) / 2e-4
+        np.testing.assert_allclose(given.torque - plain.torque, inertial, atol=2e-5)
+        np.testing.assert_array_equal(given.tensions, plain.tensions)
+        largest = max(largest, np.abs(inertial).max())
+    assert largest > 0.5
+
+
+@pytest.mark.parametrize("model", [FeedforwardModel.NONE, FeedforwardModel.STATIC])
+def test_only_the_dynamic_model_accelerates_winches(robot, moving, model):
+    torques = [setpoint_of(robot, moving, model=model, **each).torque for each in (NOMINAL, WEIGHTLESS)]
+    np.testing.assert_array_equal(*torques)
+
+
 def test_without_a_model_there_is_no_torque(robot, moving):
     setpoint = setpoint_of(robot, moving, model=FeedforwardModel.NONE, **NOMINAL)
     np.testing.assert_array_equal(setpoint.torque, np.zeros(8))
@@ -69,23 +98,24 @@ def test_without_a_model_there_is_no_torque(robot, moving):
 
 def test_out_of_reach_no_cable_pushes_and_it_is_flagged(robot):
     thrown = Motion(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
-    setpoint = setpoint_of(robot, thrown, **NOMINAL)
+    setpoint = setpoint_of(robot, thrown, **WEIGHTLESS)
     assert not setpoint.feasible
     assert setpoint.wrench_residual > 100.0
-    assert setpoint.tensions.min() >= robot.tension_min
-    assert setpoint.tensions.max() <= robot.tension_max
+    assert (setpoint.tensions >= robot.tension_min).all()
+    assert (setpoint.tensions <= robot.tension_max).all()
     assert setpoint.torque.max() < 0.0
 
 
 def run(feedforward, robot, begin, count):
     """Efforts of consecutive set-points along a trajectory, and what they would be without bridging."""
     trajectory = paper_19(robot.trajectory_center)
+    never_switched = Feedforward(robot, feedforward.settings)
+    never_switched.set_estimate(0.0, 150.0, np.zeros(3))
     torques, plain = [], []
     for cycle in range(begin, begin + count):
         time = cycle * PERIOD
-        setpoint = feedforward.compute(time, trajectory.sample(time))
-        torques.append(setpoint.torque)
-        plain.append(robot.winch.motor_torque(setpoint.tensions))
+        torques.append(feedforward.compute(time, trajectory.sample(time)).torque)
+        plain.append(never_switched.compute(time, trajectory.sample(time)).torque)
     return np.array(torques), np.array(plain)
 
 
@@ -94,6 +124,7 @@ def run(feedforward, robot, begin, count):
     [
         {"model": FeedforwardModel.NONE},
         {"model": FeedforwardModel.STATIC},
+        {"winch_inertia": False},
         {"nominal_payload": Payload(200.0, np.zeros(3))},
         {"payload_source": PayloadSource.ESTIMATED},
     ],
@@ -101,6 +132,7 @@ def run(feedforward, robot, begin, count):
 )
 def test_a_switch_is_bridged_at_the_stated_slew(robot, change):
     slew = 2.0
+    robot = dataclasses.replace(robot, cables=CableProperties())  # the smoothed stretch remembers longer
     settings = {"switch_slew": slew, **NOMINAL}
     feedforward = Feedforward(robot, FeedforwardSettings(**settings))
     feedforward.set_estimate(0.0, 150.0, np.zeros(3))
@@ -117,7 +149,7 @@ def test_a_switch_is_bridged_at_the_stated_slew(robot, change):
 
 @pytest.mark.parametrize("method", ["closest", "centroid", "analytic_center"])
 def test_every_tension_method_gives_the_wrench(robot, moving, method):
-    setpoint = setpoint_of(robot, moving, tension_method=method, **NOMINAL)
+    setpoint = setpoint_of(robot, moving, tension_method=method, **WEIGHTLESS)
     wrench = required_wrench(robot, moving.pose, moving.twist, moving.acceleration)
     A = inverse_kinematics(robot, moving.pose).wrench_matrix
     np.testing.assert_allclose(A @ setpoint.tensions, wrench, atol=1e-6)
@@ -129,7 +161,7 @@ def test_every_tension_method_gives_the_wrench(robot, moving, method):
 def test_a_change_of_tension_method_keeps_the_slew_and_the_wrench(robot, moving):
     """From one method to another and, halfway, to a third: no step, and the platform feels nothing of it."""
     slew = 0.02
-    settings = {"switch_slew": slew, **NOMINAL}
+    settings = {"switch_slew": slew, **WEIGHTLESS}
     feedforward = Feedforward(robot, FeedforwardSettings(**settings))
     changes = {50: "centroid", 120: "analytic_center", 500: "closest"}
     torques = []
@@ -145,7 +177,7 @@ def test_a_change_of_tension_method_keeps_the_slew_and_the_wrench(robot, moving)
     assert steps.max() <= slew * PERIOD * (1.0 + 1e-9)
     assert (steps > 0.5 * slew * PERIOD).sum() > 200  # it does take a while
     for cycle, method in ((40, "closest"), (490, "analytic_center"), (890, "closest")):
-        settled = setpoint_of(robot, moving, tension_method=method, **NOMINAL).torque
+        settled = setpoint_of(robot, moving, tension_method=method, **WEIGHTLESS).torque
         np.testing.assert_allclose(torques[cycle], settled, atol=1e-9)
 
 
@@ -162,7 +194,7 @@ def test_margins_are_those_of_the_wrenches_within_reach(robot):
     setpoint = setpoint_of(robot, at_rest, model=FeedforwardModel.STATIC, **NOMINAL)
     margins = Margins.of(setpoint, robot)
     assert margins.wrench == pytest.approx(float(assess_task(robot, at_rest.pose, Task()).margin))
-    assert margins.tension == pytest.approx(setpoint.tensions.min() - robot.tension_min)
+    assert margins.tension == pytest.approx((setpoint.tensions - robot.tension_min).min())
     thrown = Motion(robot.home, Twist.zero(), Acceleration([0.0, 0.0, -30.0], np.zeros(3)))
     beyond = setpoint_of(robot, thrown, **NOMINAL)
     assert Margins.of(beyond, robot).wrench < 0.0

@@ -10,7 +10,7 @@ from cspr_kinematics import Motor
 MOTOR = Motor(
     inertia=0.001, torque_limit=5.0, speed_limit=400.0, coulomb_friction=0.05, viscous_friction=0.0002
 )
-GAINS = MotorGains(kp=3.0, kd=0.1, friction_compensation=1.0, friction_smoothing_speed=2.0)
+GAINS = MotorGains(kp=3.0, kd=0.1, speed_delay=0.0, friction_compensation=1.0, friction_smoothing_speed=2.0)
 STAMP = 1_700_000_000_000_000_000
 
 
@@ -34,6 +34,27 @@ def test_setpoint_is_carried_to_the_time_of_the_state(controller):
     friction = 0.05 * math.tanh(25.0) + 0.01
     assert early == pytest.approx(friction)
     assert late == pytest.approx(friction)
+
+
+def test_a_measured_speed_is_compared_with_the_desired_one_of_its_time(controller):
+    """Along a constant acceleration, the motor exactly on its way, the speed from positions 4 ms apart."""
+    controller.set_gains(replace(GAINS, speed_delay=0.002, friction_compensation=0.0))
+    acceleration, period = 900.0, 0.004
+    for cycle in range(3):
+        time = cycle * period
+        stamp = STAMP + cycle * 4_000_000
+        angle, before = (0.5 * acceleration * t**2 for t in (time, time - period))
+        controller.set_setpoint(10.0 + time, stamp, angle, acceleration * time, torque=0.3)
+        torque = controller.command(10.0 + time, stamp, angle, (angle - before) / period)
+        if cycle:
+            assert torque == pytest.approx(0.3)
+    # what no motor can follow is no acceleration
+    controller.set_setpoint(10.0, stamp + 4_000_000, 0.0, 200.0, torque=0.3)
+    assert controller.command(10.0, stamp + 4_000_000, 0.0, 200.0) == pytest.approx(0.3)
+    controller.set_setpoint(10.0, stamp + 8_000_000, 0.0, math.nan, torque=0.3)
+    assert controller.command(10.0, stamp + 8_000_000, 0.0, 200.0) is None
+    controller.set_setpoint(10.0, stamp + 12_000_000, 0.0, 200.0, torque=0.3)
+    assert controller.command(10.0, stamp + 12_000_000, 0.0, 200.0) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(("torque", "limited"), [(9.0, 5.0), (-9.0, -5.0)])

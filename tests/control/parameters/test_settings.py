@@ -39,7 +39,7 @@ def test_the_shipped_file_makes_the_settings_that_there_are_without_it(file, rob
     assert settings.switch_slew == FeedforwardSettings().switch_slew == 2.0
     limits = supervision_limits(robot, file.values("supervisor"))
     assert limits == supervision_limits(robot, defaults("supervisor"))
-    assert limits.tension_max == robot.tension_max
+    assert limits.tension_max == (3000.0,) * 8
     trajectory = trajectory_settings(robot, file.values("trajectory_publisher"))
     assert trajectory.name is TrajectoryName.PAPER_19
     assert trajectory.limits.speed == 0.2

@@ -12,6 +12,7 @@ from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.quintic import PEAK_ACCELERATION, PEAK_SPEED, quintic, quintic_integral
 from cspr_control.reference.smooth import SmoothTrajectory
+from cspr_control.reference.strokes import STROKES
 from cspr_control.reference.trajectory import require_inside_workspace
 from cspr_kinematics import Pose
 from cspr_msgs_py.vocabulary import TrajectoryName
@@ -20,6 +21,7 @@ CENTER = np.array([0.0, 0.0, 1.0])
 STEP = 1e-4
 MILLIMETRE = 1e-3
 SWITCHES = {"paper-18": 10.0, "paper-19": 5.0, "paper-19-tilt": 5.0}
+"""Where the velocity jumps, s."""
 
 
 def rotation_vector(after, before):
@@ -48,10 +50,33 @@ def test_a_name_that_nothing_makes_is_refused_in_words(robot, settings, monkeypa
 @pytest.mark.parametrize("name", list(TrajectoryName), ids=lambda name: name.value)
 def test_velocity_and_acceleration_are_derivatives(name, robot, settings):
     trajectory = make_trajectory(name, robot, robot.home, settings)
-    switch = SWITCHES.get(trajectory.name)
-    for time in np.linspace(2 * STEP, trajectory.duration - 2 * STEP, 37):
-        if switch is None or abs(time - switch) > 2 * STEP:
+    joins = [SWITCHES[trajectory.name]] if trajectory.name in SWITCHES else []
+    if name is TrajectoryName.STROKES_Z:
+        # where the acceleration turns about at zero, so that a difference across it is no derivative
+        joins = np.linspace(0.0, trajectory.duration, STROKES + 1)
+    for time in np.linspace(2 * STEP, trajectory.duration - 2 * STEP, 41):
+        if all(abs(time - join) > 2 * STEP for join in joins):
             assert_derivatives(trajectory, time)
+
+
+def test_strokes_join_without_a_step_in_acceleration(robot, settings):
+    strokes = make_trajectory(TrajectoryName.STROKES_Z, robot, robot.home, settings)
+    for join in np.linspace(0.0, strokes.duration, STROKES + 1):
+        before, after = strokes.sample(join - 1e-7), strokes.sample(join + 1e-7)
+        np.testing.assert_allclose(before.acceleration.linear, after.acceleration.linear, atol=1e-5)
+        np.testing.assert_allclose(before.twist.linear, after.twist.linear, atol=1e-9)
+        np.testing.assert_allclose(before.pose.position, after.pose.position, atol=1e-9)
+
+
+def test_strokes_go_up_and_down_at_three_metres_a_second_squared(robot, settings):
+    strokes = make_trajectory(TrajectoryName.STROKES_Z, robot, robot.home, settings)
+    motions = [strokes.sample(time) for time in np.linspace(0.0, strokes.duration, 5000)]
+    heights = np.array([motion.pose.position[2] for motion in motions])
+    accelerations = np.array([motion.acceleration.linear[2] for motion in motions])
+    assert (heights.min(), heights.max()) == pytest.approx((0.85, 1.15), abs=1e-5)
+    assert np.abs(accelerations).max() == pytest.approx(3.0, abs=1e-3)
+    assert int((np.diff(np.sign(heights - 1.0)) != 0).sum()) == 12
+    assert strokes.duration == pytest.approx(9.1, abs=0.05)
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,17 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import paper_19, paper_19_tilt
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
+from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.trajectory import Hold
+from cspr_kinematics import Pose
 from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import TrajectoryPhase
 
@@ -115,6 +120,52 @@ def test_stop_slows_down_along_the_path(player, robot, moment, smooth):
         assert np.abs(np.diff(speeds, axis=0)).max() < 0.02
 
 
+FINE = SECOND // 2000
+"""Step of differences, ns."""
+
+
+def assert_derivatives(player, moment):
+    """The twist is what the pose changes by, the acceleration what the twist changes by, both without a jump."""
+    before, now, after = (player.sample(moment + step) for step in (-FINE, 0, FINE))
+    span = 2.0 * FINE / SECOND
+    turn = Rotation.from_matrix(after.pose.rotation @ before.pose.rotation.T).as_rotvec() / span
+    move = (after.pose.position - before.pose.position) / span
+    np.testing.assert_allclose(now.twist.vector, np.hstack((move, turn)), atol=1e-5)
+    # half a step of the largest jump of the third derivative, where one quintic follows another
+    change = (after.twist.vector - before.twist.vector) / span
+    np.testing.assert_allclose(now.acceleration.vector, change, atol=4e-3)
+    np.testing.assert_allclose(now.acceleration.vector, before.acceleration.vector, atol=2e-2)
+
+
+@given(
+    st.sampled_from(["move", "smooth-19-tilt"]),
+    st.floats(0.01, 1.0),
+    st.floats(0.3, 1.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_derivatives_agree_in_every_phase(robot, limits, kind, share, stop_time, seed):
+    """Approaching, resting, running, and coming to rest from any of them at any moment, or not at all."""
+    rng = np.random.default_rng(seed)
+    center, tilt = robot.trajectory_center, rng.uniform(-0.2, 0.2, (2, 3))
+    first, last = (Pose.from_euler(center + rng.uniform(-0.3, 0.3, 3), *angles) for angles in tilt)
+    trajectory = PointToPoint(first, last, limits)
+    if kind != "move":
+        trajectory = SmoothTrajectory(paper_19_tilt(center), rng.uniform(0.5, 2.0))
+    player = TrajectoryPlayer(limits, dwell=0.1, stop_time=stop_time, max_gap=math.inf)
+    player.hold(robot.home)
+    player.sample(BEGIN)
+    player.start(trajectory)
+    stop = BEGIN + round(share * 1.05 * (player.end_time - BEGIN))
+    for moment in (BEGIN + FINE, player.start_time, player.end_time, stop - 2 * FINE):
+        if BEGIN < moment <= stop - 2 * FINE:
+            assert_derivatives(player, moment)
+    player.stop()  # at the newest sample, one step before
+    for part in np.linspace(0.0, 1.0, 12):
+        assert_derivatives(player, stop + round(part * stop_time * SECOND) - (part == 1.0) * FINE)
+    assert player.phase.at_rest
+    np.testing.assert_array_equal(player.sample(stop + SECOND).acceleration.vector, np.zeros(6))
+
+
 def test_stop_during_approach_and_dwell(player, robot):
     player.start(paper_19(robot.trajectory_center))
     _, last = run(player, BEGIN, BEGIN + SECOND)
@@ -168,4 +219,11 @@ def test_start_before_the_first_sample_is_refused(robot, limits):
     player = TrajectoryPlayer(limits, **TIMES)
     player.hold(robot.home)
     with pytest.raises(TrajectoryError, match="no pose"):
+        player.start(Hold(robot.home, 1.0))
+
+
+def test_a_trajectory_out_of_all_reach_is_refused(player, robot):
+    player.hold(Pose(robot.home.position + np.array([1e300, 0.0, 0.0]), robot.home.rotation))
+    player.sample(BEGIN)
+    with np.errstate(over="ignore"), pytest.raises(TrajectoryError, match="out of reach"):
         player.start(Hold(robot.home, 1.0))

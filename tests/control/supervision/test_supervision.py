@@ -1,4 +1,5 @@
 import math
+import re
 
 import numpy as np
 import pytest
@@ -12,16 +13,18 @@ from cspr_msgs_py.wire.joint_state import JointStateSample
 
 COUNT = 8
 PAY_OUT = 0.002  # m/rad
+INERTIA = 1.5e-3  # kg m^2
 STEP = 0.02
 LIMITS = SupervisionLimits(
     max_ages={source: defaults("supervisor")[f"max_age.{source.name.lower()}"] for source in MonitoredInput},
     following_error=1.0,
     following_error_time=0.1,
-    tension_min=50.0,
+    tension_min=(50.0,) * 7 + (30.0,),
     tension_min_time=0.3,
-    tension_max=3000.0,
+    tension_max=(3000.0,) * 7 + (2000.0,),
     tension_max_time=0.1,
     starting_error=1.0,
+    node_timeout=3.5,
     enable_timeout=1.0,
     motor_speed=450.0,
     motor_speed_time=0.05,
@@ -29,9 +32,15 @@ LIMITS = SupervisionLimits(
     workspace_max=(1.0, 0.5, 2.0),
     workspace_margin=0.05,
     transmission_ratio=PAY_OUT,
+    motor_inertia=INERTIA,
     tension_difference=200.0,
     tension_difference_time=0.3,
     stuck_time=1.0,
+    length_misfit=3e-4,
+    slack_misfit=3e-3,
+    misfit_cycles=3,
+    slack_tension=25.0,
+    slack_hold=0.1,
     stop_timeout=0.8,
     drive_timeout=1.0,
 )
@@ -50,8 +59,11 @@ class Rig:
         self.tensions = np.full(COUNT, 400.0)
         self.silent = set()
         self.speeds = np.zeros(COUNT)
+        self.desired_speeds = np.full(COUNT, 2.0)
+        self.desired_accelerations = np.zeros(COUNT)
         self.torques = np.full(COUNT, -400.0 * PAY_OUT)
         self.position = np.array([0.0, 0.0, 1.0])
+        self.orientation = np.array([0.0, 0.0, 0.0, 1.0])
         self.stuck = np.zeros(COUNT, dtype=bool)
         self.noise = np.random.default_rng(1)
 
@@ -68,15 +80,18 @@ class Rig:
         checks = self.supervisor.checks
         if MonitoredInput.MOTOR_STATES not in self.silent:
             checks.observe_motors(self.time, JointStateSample(stamp, self.angles, self.speeds, self.torques))
+        if MonitoredInput.REFERENCE not in self.silent:
+            checks.observe_arrival(MonitoredInput.REFERENCE, self.time)
         if MonitoredInput.SETPOINT not in self.silent:
-            # For the next cycle, at 2 rad/s: at the time of the state the desired angle is zero.
-            ahead = np.full(COUNT, 0.008), np.full(COUNT, 2.0), np.zeros(COUNT)
+            # For the next cycle: at the time of the state the desired angle is zero.
+            self.desired_speeds = self.desired_speeds + self.desired_accelerations * STEP
+            ahead = 0.004 * self.desired_speeds, self.desired_speeds, np.zeros(COUNT)
             checks.observe_setpoint(self.time, JointStateSample(stamp + 4_000_000, *ahead))
         if MonitoredInput.CABLE_TENSIONS not in self.silent:
             noise = self.noise.uniform(-2.0, 2.0, COUNT)
             checks.observe_tensions(self.time, np.where(self.stuck, self.tensions, self.tensions + noise))
         if MonitoredInput.PLATFORM_POSE not in self.silent:
-            checks.observe_pose(self.time, self.position)
+            checks.observe_pose(self.time, self.position, self.orientation)
         if MonitoredInput.DRIVE_STATES not in self.silent:
             self.supervisor.observe_drives(self.time, self.drives, self.cause)
         self.supervisor.phase = self.phase
@@ -118,6 +133,7 @@ class Rig:
         self.supervisor.answered(self.time, Action.STOP_TRAJECTORY, True, "")
         assert self.step(0.3) == []
         self.phase = TrajectoryPhase.HOLD
+        self.desired_speeds, self.desired_accelerations = np.zeros((2, COUNT))
         assert self.step() == [Action.DISABLE_DRIVES]
         self.drives = DriverState.STOPPING
         assert self.step(0.1) == []
@@ -222,9 +238,9 @@ def test_enable_is_refused_away_from_the_setpoint(rig):
 
 
 def test_enable_is_refused_with_an_overloaded_cable_or_a_moving_reference(rig):
-    rig.tensions = np.array([400.0] * 7 + [3001.0])
+    rig.tensions = np.array([2900.0] + [400.0] * 6 + [2001.0])
     rig.step(0.3)
-    assert "cable_8" in rig.supervisor.enable(rig.time).message
+    assert "cable_8 carries 2001 N, limit 2000 N" in rig.supervisor.enable(rig.time).message
     rig.tensions = np.full(COUNT, 400.0)
     rig.phase = TrajectoryPhase.RUNNING
     rig.step()
@@ -280,6 +296,63 @@ def test_stale_topic_is_a_fault(rig, source):
         rig.assert_fault(actions, FaultKind.STALE_TOPIC, source.value)
 
 
+def test_a_stale_topic_is_named_with_its_node(rig):
+    rig.enabled()
+    rig.silent |= {MonitoredInput.REFERENCE, MonitoredInput.SETPOINT}  # the one answers the other
+    rig.assert_fault(rig.step(0.3), FaultKind.STALE_TOPIC, "/reference of trajectory_publisher")
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize(
+    "quantity", ["angles", "speeds", "torques", "tensions", "desired_speeds", "position", "orientation"]
+)
+def test_what_is_no_number_or_beyond_all_bounds_is_a_fault(rig, quantity, number):
+    if quantity in ("orientation", "desired_speeds") and math.isfinite(number):
+        return  # a rotation is a direction, however long; a motor that follows a set-point follows it
+    rig.enabled()
+    rig.phase = TrajectoryPhase.RUNNING
+    with np.errstate(all="ignore"):
+        getattr(rig, quantity)[0] = number
+        rig.step(1.0)
+        assert rig.supervisor.fault is not None
+        assert rig.state in (RobotState.STOPPING, RobotState.FAULT)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("quantity", ["angles", "tensions", "desired_speeds", "position", "orientation"])
+def test_enable_is_refused_with_what_is_no_number(rig, quantity, number):
+    getattr(rig, quantity)[0] = number
+    with np.errstate(all="ignore"):
+        rig.step(0.2)
+        assert not rig.supervisor.enable(rig.time).accepted
+
+
+@pytest.mark.parametrize("name", ["feedforward", "mass_estimator"])
+def test_a_node_that_ends_is_named(rig, name):
+    checks = rig.supervisor.checks
+    rig.enabled()
+    checks.observe_node(rig.time, name)
+    assert rig.step(3.4) == []
+    actions, words = rig.step(0.2), f"{name} was last heard"
+    if name == "mass_estimator":  # the motors follow without it
+        rig.assert_controlled_stop(actions, FaultKind.NODE, words)
+    else:
+        rig.assert_fault(actions, FaultKind.NODE, words)
+    assert words in str(checks.obstacle(rig.time))
+    checks.observe_node(rig.time, name)
+    assert checks.obstacle(rig.time) is None
+
+
+def test_a_node_that_fails_is_named_until_it_no_longer_does(rig):
+    checks = rig.supervisor.checks
+    rig.enabled()
+    checks.observe_node(rig.time, "feedforward", "KeyError: 'x'")
+    rig.assert_fault(rig.step(), FaultKind.NODE, "feedforward: KeyError: 'x'")
+    assert "KeyError" in str(checks.obstacle(rig.time))
+    rig.step(1.6)
+    assert checks.obstacle(rig.time) is None
+
+
 def test_a_number_that_rounds_to_zero_has_no_sign(rig):
     rig.enabled()
     rig.stuck[4] = True  # no noise
@@ -320,6 +393,18 @@ def test_tension_beyond_its_limit_is_a_fault_when_it_lasts(rig, tension, allowed
         rig.assert_controlled_stop(actions, kind, "cable_5")
     else:
         rig.assert_fault(actions, kind, "cable_5")
+
+
+@pytest.mark.parametrize(("cable", "tension", "limit"), [(0, 40.0, 50), (7, 2500.0, 2000)])
+def test_each_cable_has_its_own_limits(rig, cable, tension, limit):
+    rig.enabled()
+    rig.load(7 - cable, tension)
+    rig.step(0.5)
+    assert rig.supervisor.fault is None
+    rig.load(7 - cable, 400.0)
+    rig.load(cable, tension)
+    rig.step(0.5)
+    assert re.fullmatch(rf"cable_{cable + 1} at \d+ N, limit {limit} N", rig.supervisor.fault.detail)
 
 
 @pytest.mark.parametrize("speed", [460.0, -460.0, math.nan])
@@ -363,6 +448,25 @@ def test_a_load_cell_that_its_motor_contradicts(rig, error):
     rig.assert_controlled_stop(rig.step(0.2), FaultKind.LOAD_CELL, "cable_6")
 
 
+def test_what_accelerates_a_winch_contradicts_no_load_cell(rig):
+    rig.enabled()
+    rig.desired_accelerations[:] = 500.0 * np.array([1, -1] * 4)
+    rig.step()
+    rig.torques += INERTIA * rig.desired_accelerations  # 375 N at the cable
+    assert rig.step(1.0) == []
+    rig.tensions[5] = 400.0 + 210.0
+    rig.assert_controlled_stop(rig.step(0.4), FaultKind.LOAD_CELL, "its motor corresponds to 400 N")
+
+
+def test_a_jump_of_the_desired_speed_contradicts_no_load_cell_for_long(rig):
+    rig.enabled()
+    for _ in range(20):
+        rig.desired_speeds = rig.desired_speeds + 100.0
+        rig.step()
+        rig.step()
+    assert rig.state is RobotState.ENABLED
+
+
 def test_a_stuck_load_cell(rig):
     rig.enabled()
     rig.stuck[3] = True
@@ -381,6 +485,24 @@ def test_brakes_that_hold_contradict_no_load_cell(rig):
     assert rig.step(0.8) == []
 
 
+def test_brakes_wait_for_set_points_that_still_move(rig):
+    """The reference is at rest, but not yet the offset to it that damps a swing; not longer than for a trajectory."""
+    for patient in (True, False):
+        rig.enabled()
+        rig.desired_speeds = np.full(COUNT, 20.0)
+        rig.supervisor.stop(rig.time)
+        rig.step()
+        rig.supervisor.answered(rig.time, Action.STOP_TRAJECTORY, True, "")
+        assert rig.step(0.2) == []
+        if patient:
+            rig.desired_speeds = np.full(COUNT, 1.0)
+            assert rig.step() == [Action.DISABLE_DRIVES]
+            rig.drives = DriverState.DISABLED
+            rig.step()
+        else:
+            assert rig.step(LIMITS.stop_timeout) == [Action.DISABLE_DRIVES]
+
+
 def test_a_recording_that_fails_stops_the_robot_once(rig):
     rig.enabled()
     rig.supervisor.recording_problem = "no space left on device"
@@ -389,6 +511,32 @@ def test_a_recording_that_fails_stops_the_robot_once(rig):
     rig.step(0.1)
     rig.enabled()
     assert rig.step(1.0) == []
+
+
+def test_lengths_that_fit_no_pose_stop_the_drives_at_once(rig):
+    rig.enabled()
+    rig.supervisor.length_problem = "misfit of 0.31 mm, limit 0.3 mm: encoder or cable of motor_3"
+    rig.assert_fault(rig.step(), FaultKind.LENGTHS, "of motor_3")
+
+
+def test_lengths_that_fit_no_pose_turn_a_stop_along_the_path_into_a_quick_stop(rig):
+    rig.enabled()
+    rig.supervisor.load_cell_doubt = "cable_3 reads 400 N, its motor carries 900 N"
+    rig.step()
+    assert rig.state is RobotState.STOPPING
+    rig.supervisor.length_problem = "misfit of 0.31 mm"
+    rig.assert_fault(rig.step(), FaultKind.LOAD_CELL, "; then cable lengths fit no pose: misfit of 0.31 mm")
+
+
+def test_a_robot_whose_lengths_fit_no_pose_is_not_enabled(rig):
+    rig.step()
+    rig.supervisor.length_problem = "misfit of 0.31 mm"
+    decision = rig.supervisor.enable(rig.time)
+    assert (decision.accepted, decision.message) == (
+        False, "refused: cable lengths fit no pose: misfit of 0.31 mm"
+    )  # fmt: skip
+    rig.supervisor.length_problem = ""
+    rig.enabled()
 
 
 def test_a_load_cell_that_its_driver_finds_faulty_stops_the_robot_along_its_path(rig):

@@ -239,3 +239,15 @@ def test_an_interface_that_takes_no_frames_is_a_failure_until_it_takes_one():
         assert port.failure == ""
     finally:
         port.close()
+
+
+def test_a_receiving_thread_that_ends_says_so(full_port):
+    def defect(problem):
+        raise RuntimeError("defect")
+
+    full_port.on_failure = defect
+    with pytest.raises(RuntimeError):  # it ends the thread in which this is called
+        full_port.receive_failed(can.CanOperationError("Network is down", errno.ENETDOWN))
+    assert full_port.ended == (
+        "the driver's thread 'bus main' has ended (RuntimeError: defect): start the driver again"
+    )

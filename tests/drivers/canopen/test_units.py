@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import pytest
@@ -75,3 +76,15 @@ def test_autozero_signature():
 )
 def test_input_status_in_words(status, words):
     assert status_text(status) == words
+
+
+def test_positions_go_on_where_the_counter_wraps():
+    # 6064h is an INTEGER32: 7FFFFFFFh is followed by 80000000h.
+    units = dataclasses.replace(FORWARD, home_counts=2**31 - 1)
+    assert units.angle(-(2**31)) == pytest.approx(2 * math.pi / 131072)
+    assert units.angle(-(2**31) + 131071) == pytest.approx(2 * math.pi)
+    assert units.angle(2**31 - 1 - 131072) == pytest.approx(-2 * math.pi)
+    assert units.counts(2 * math.pi) == -(2**31) + 131071
+    below = dataclasses.replace(REVERSED, home_counts=-(2**31))
+    assert below.angle(2**31 - 4096) == pytest.approx(2 * math.pi)
+    assert below.counts(2 * math.pi) == 2**31 - 4096

@@ -40,6 +40,7 @@ ROOT = Path(__file__).parents[3]
 CHANNELS = itertools.count()
 PAY_OUT = 0.05 / 30.0  # m/rad: drum radius over gear ratio in robot.yaml
 M = 8
+HOME_TENSIONS = [300.0 + 20.0 * place for place in range(M)]  # N
 QUICK = partial(Walk, hold_time=0.3, scale_way=0.5)
 
 
@@ -86,6 +87,12 @@ class WinchBench:
     def set_brake(self, index, closed):
         self.closed[index] = closed
         self.opened_together = max(self.opened_together, int((~self.closed).sum()))
+
+    def platform_position(self):
+        return np.zeros(3)
+
+    def platform_quaternion(self):
+        return np.array([0.0, 0.0, 0.0, 1.0])
 
     def motor_angles(self):
         return self.angles.copy()
@@ -156,8 +163,12 @@ class Person(Operator):
 
     def _pull_with(self, cable, force):
         """Pull on one cable alone, and look up when that has been measured."""
-        self.bench.pulls = np.zeros(M)
-        self.bench.pulls[cable - 1] = force
+        pulls = np.zeros(M)
+        pulls[cable - 1] = force
+        return self._pull_with_all(pulls)
+
+    def _pull_with_all(self, pulls):
+        self.bench.pulls = pulls
         self.wait_until(lambda: self.machine.newest_measurement.tensions == self.bench.pulls.tolist())
         return "yes"
 
@@ -173,7 +184,7 @@ class Person(Operator):
 
     def _home(self, place):
         self.bench.angles[:] = np.linspace(-3.0, 3.0, M)  # carried there by hand
-        return "yes"
+        return self._pull_with_all(np.array(HOME_TENSIONS))
 
 
 @pytest.fixture
@@ -194,6 +205,7 @@ def swapped(content):
         cells[1][key], cells[6][key] = cells[6][key], cells[1][key]
     drives[4]["polarity"] = -drives[4]["polarity"]
     drives[5]["encoder_increments"] = 65536
+    drives[6]["home_counts"] = 2**31 - 1  # its counter goes round at the home pose
     drives[7]["home_counts"] = 4711
     cells[3]["scale"] = 2.5
     for place, device in enumerate((*drives, *cells)):
@@ -293,6 +305,10 @@ def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_
         assert cell.identity == real.identity
         assert cell.units.scale == pytest.approx(real.units.scale, rel=0.01)
         assert abs(cell.units.offset) < 3.0
+    tensions = [cell.home_tension for _, cell in sorted(walked.cells.items())]
+    np.testing.assert_allclose(tensions, HOME_TENSIONS, atol=6.0)
+    shown = next(line for line in rig.person.lines if line.startswith("home_tensions: "))
+    np.testing.assert_allclose(yaml.safe_load(shown)["home_tensions"], tensions, atol=0.06)
     # all else is as it was, comments too, and the old file is kept
     kept = list(rig.path.parent.glob("can.yaml.2*"))
     assert [path.read_text() for path in kept] == [before]

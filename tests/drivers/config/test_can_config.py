@@ -102,6 +102,30 @@ def change(mapping, path, value):
             0.05,
             "heartbeat_consumer = 0.05: must be greater than heartbeat_producer",
         ),
+        # 20 mm at 0.1 m/s^2 take 0.632 s, and falling freely 63.9 ms
+        (
+            ["timeouts", "command"],
+            1e9,
+            "can.yaml: timeouts.command = 1e+09: must be at most 0.632 s: the drives keep their torque for so "
+            "long, and what that leaves unbalanced, 0.1 m/s^2, then costs allowed_drop = 0.02 m",
+        ),
+        (["timeouts", "feedback"], 0.64, "can.yaml: timeouts.feedback = 0.64: must be at most 0.632 s"),
+        (["timeouts", "rpdo"], 0.64, "can.yaml: timeouts.rpdo = 0.64: must be at most 0.632 s"),
+        (["timeouts", "heartbeat_consumer"], 60.0, "heartbeat_consumer = 60.0: must be at most 0.632 s"),
+        (["timeouts", "stop"], 1e9, "can.yaml: timeouts.stop = 1e+09: must lie in [0.001, 60]"),
+        (
+            ["torque_check", "time"],
+            0.065,
+            "can.yaml: torque_check.time = 0.065: must be at most 0.0639 s: a drive may have let go for so long, and a "
+            "free fall then costs allowed_drop = 0.02 m",
+        ),
+        (
+            ["torque_check", "difference"],
+            1e9,
+            "can.yaml: torque_check.difference = 1e+09: must be at most 2.5 N m, a quarter of the smallest "
+            "torque_limit: a drive that lets go of more must be noticed",
+        ),
+        (["allowed_drop"], 1.5, "can.yaml: allowed_drop = 1.5: must"),
         (["drives"], [], "can.yaml: drives = []: must be a list of at least one element"),
         (["drives", 1], "x", "can.yaml: drives[1] = 'x': must be a mapping of keys to values"),
     ],
@@ -194,4 +218,17 @@ def test_an_option_code_that_drops_the_load_is_refused(mapping, code):
     with pytest.raises(
         ConfigurationError, match=f"option_codes.quick_stop = {code}: must be one of 1, 2, 3, 4"
     ):
+        CanConfig.from_mapping(mapping, "can.yaml")
+
+
+def test_limits_in_time_may_be_as_long_as_the_height_that_they_cost_allows(mapping):
+    mapping["timeouts"].update(command=0.63, feedback=0.63, rpdo=0.63, heartbeat_consumer=0.63)
+    mapping["torque_check"] = {"difference": 2.5, "time": 0.0638}
+    assert CanConfig.from_mapping(mapping, "can.yaml").allowed_drop == 0.02
+    mapping["allowed_drop"] = 0.2  # ten times the height takes 3.16 times as long
+    mapping["timeouts"].update(command=1.9, feedback=1.9, rpdo=1.9, heartbeat_consumer=1.9)
+    mapping["torque_check"]["time"] = 0.2
+    CanConfig.from_mapping(mapping, "can.yaml")
+    mapping["timeouts"]["rpdo"] = 2.1
+    with pytest.raises(ConfigurationError, match=r"timeouts\.rpdo = 2\.1: must be at most 2 s"):
         CanConfig.from_mapping(mapping, "can.yaml")

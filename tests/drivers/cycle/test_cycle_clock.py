@@ -50,3 +50,13 @@ def test_a_call_that_takes_too_long_leaves_moments_out(wait_until):
     assert (ticks[4] - ticks[3]) > 0.001  # no burst
     clock.clear()
     assert (clock.skipped, clock.worst_lateness) == (0, 0.0)
+
+
+def test_a_clock_that_ends_tells_why(wait_until, capsys):
+    told = []
+    clock = CycleClock(0.01, lambda now: {}["6064h"], on_end=told.append)
+    clock.start()
+    wait_until(lambda: told)
+    assert told == ["the driver's thread 'cycle clock' has ended (KeyError: '6064h'): start the driver again"]
+    assert "Traceback" in capsys.readouterr().err
+    wait_until(lambda: not clock.running)

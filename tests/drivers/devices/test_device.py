@@ -1,5 +1,7 @@
 """Answers to SDO requests, as frames that a test puts on the bus in a device's name."""
 
+import contextlib
+import random
 import struct
 from types import SimpleNamespace
 
@@ -22,9 +24,9 @@ class Network(canopen.Network):
         self.answers = answers
 
     def send_message(self, can_id, data, remote=False):
-        if can_id == 0x601 and data[0] == 0x40:
+        if can_id == 0x601 and data[0] != 0x80:
             for answer in self.answers:
-                self.notify(0x581, bytearray(answer), 0.0)
+                self.notify(0x581, bytearray(answer(data) if callable(answer) else answer), 0.0)
 
 
 def device(*answers):
@@ -65,3 +67,36 @@ def test_a_silent_device_is_named():
 def test_a_refusal_comes_with_its_code():
     with pytest.raises(DeviceError, match=r"refuses 6075h:00 .* read: Object does not exist.*0x06020000"):
         device(struct.pack("<BHBI", 0x80, 0x6075, 0, 0x0602_0000)).read(CURRENT)
+
+
+def test_an_object_without_end_is_not_read_for_ever():
+    toggle = iter(range(10**9))
+
+    def segments(request):
+        if request[0] == 0x40:
+            return struct.pack("<BHBI", 0x40, 0x6075, 0, 0)  # the content follows in segments
+        return bytes([next(toggle) % 2 << 4]) + b"endless"
+
+    with pytest.raises(DeviceError, match="its content has more than 112 bytes"):
+        device(segments).read(CURRENT)
+
+
+@pytest.mark.parametrize("size", range(9))
+@pytest.mark.parametrize("transfer", ["read", "write"])
+def test_whatever_a_device_answers_is_a_number_or_an_error_of_the_device(size, transfer):
+    drawn = random.Random(size)
+
+    def answer(request):
+        content = drawn.randbytes(size)
+        if drawn.random() < 0.5:  # now and then one that begins as the right one does
+            head = bytes([drawn.choice((0x43, 0x4F, 0x41, 0x40, 0x60, 0x80, 0x00))]) + bytes(request[1:4])
+            content = (head + content[4:])[:size]
+        return content
+
+    own = device(answer)
+    for _ in range(500):
+        with contextlib.suppress(DeviceError):
+            if transfer == "write":
+                own.write(CURRENT)
+            else:
+                assert 0 <= own.read(CURRENT) < 2**32

@@ -65,3 +65,22 @@ def test_a_defect_is_told_and_the_other_devices_are_set_up(wait_until, capsys):
     setup.stop()
     assert lines == ["motor_1: KeyError: '6075h'", "motor_1: ready"]
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_thread_that_ends_tells_why(wait_until, capsys):
+    told = []
+
+    def report(line):
+        raise RuntimeError("no log")
+
+    def configure(index):
+        raise DeviceError("motor_1", "does not answer")
+
+    setup = SetupThread(["motor_1"], configure, lambda: True, report, on_end=told.append)
+    setup.start()
+    wait_until(lambda: told)
+    assert told == [
+        "the driver's thread 'device set-up' has ended (RuntimeError: no log): start the driver again"
+    ]
+    assert "Traceback" in capsys.readouterr().err
+    setup.stop()

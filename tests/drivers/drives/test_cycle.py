@@ -5,8 +5,11 @@ import struct
 
 import pytest
 
+from cspr_drivers.canopen.units import wrapped
+from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.setup import DriveFacts
 from cspr_drivers.drives.cycle import DriveCycle
+from cspr_drivers.drives.home_position import with_home
 from cspr_drivers.errors import FrameError
 from cspr_msgs_py.vocabulary import DriverState
 
@@ -25,12 +28,14 @@ class Robot:
         self.stamp = 0
         self.count = len(config.drives)
         self.status = [AT_REST] * self.count
-        self.position = 0
+        self.position = 0  # of all drives
+        self.stepped = {}  # by how much those of some are off
         for index in range(self.count):
             self.cycle.configured(self.now, index, DriveFacts(4.2, None, False, 0, 0, 0))
 
     def answer(self, index, torque=0):
-        data = struct.pack("<Hih", self.status[index], self.position, torque)
+        position = self.position + self.stepped.get(index, 0)
+        data = struct.pack("<Hih", self.status[index], position, torque)
         return self.cycle.feedback(self.now + 1e-3, index, data)
 
     def turn(self, torque=None):
@@ -38,6 +43,7 @@ class Robot:
         self.now += PERIOD
         self.stamp += round(1e9 * PERIOD)
         self.cycle.sync(self.now, self.stamp)
+        self.cycle.supervised(self.now, self.stamp - round(1e9 * PERIOD))
         frames = self.cycle.step(self.now)
         states = [self.answer(index) for index in range(self.count)]
         assert states[:-1] == [None] * (self.count - 1)
@@ -103,6 +109,24 @@ def test_states_are_those_of_one_sync(robot):
     assert states.speeds[:2] == pytest.approx((2 * math.pi / PERIOD, -2 * math.pi / PERIOD))
 
 
+def test_a_sign_of_life_counts_when_the_supervisor_hears_what_the_drives_answer(enabled, config):
+    limit = round(1e9 * config.timeouts.supervisor)
+    stamp = enabled.stamp
+    enabled.cycle.supervised = lambda now, stamp_ns: None  # the supervisor of the bench is gone
+    watch = DriveCycle.supervised
+    for _ in range(30):
+        watch(enabled.cycle, enabled.now, enabled.stamp)
+        enabled.turn(1.0)
+    assert enabled.cycle.group.state is DriverState.ENABLED
+    stamp = enabled.stamp
+    for _ in range(2 * limit // round(1e9 * PERIOD) + 2):
+        watch(enabled.cycle, enabled.now, stamp)  # it hears no more of them
+        watch(enabled.cycle, enabled.now, enabled.stamp + 10 * limit)  # of another time
+        enabled.turn(1.0)
+    assert enabled.cycle.group.state is DriverState.FAULT
+    assert "no sign of life" in enabled.cycle.group.cause
+
+
 def test_a_bad_torque_is_answered_with_a_stop_of_all_drives(enabled):
     frames = enabled.cycle.command(enabled.now, 1, enabled.stamp, math.nan)
     assert [frame.cob_id for frame in frames] == [0x201 + index for index in range(8)]
@@ -148,3 +172,105 @@ def test_a_frame_cut_short_changes_nothing(enabled):
     with pytest.raises(FrameError, match="frame of 7 bytes where 8 were expected"):
         enabled.cycle.feedback(enabled.now, 0, bytes(7))
     assert enabled.cycle.watch.missing == ()
+
+
+def test_a_step_that_no_motor_makes_is_never_published(enabled):
+    enabled.stepped = {2: 5 * 131072}
+    assert enabled.turn(1.0)[0] is None
+    group = enabled.cycle.group
+    assert group.state is DriverState.FAULT
+    assert group.cause == "motor_3: its position steps by 31.42 rad within 10 ms: no motor is as fast"
+    words = {data[:5] for cob_id, data in enabled.turn()[1] if 0x201 <= cob_id <= 0x208}
+    assert words == {"02 00"}  # quick stop of all drives
+    enabled.status = [AT_REST] * enabled.count
+    enabled.stepped = {}
+    assert [enabled.turn()[0] for _ in range(3)] == [None] * 3  # the encoder is as it was: it is not believed
+    assert enabled.cycle.home_refusal(enabled.now) == (
+        "the position of motor_3 is not believed: reset the fault first"
+    )
+    enabled.stepped = {2: 131072}  # the operator has seen to it
+    assert group.fault_reset(enabled.now) is None
+    states = [enabled.turn()[0] for _ in range(4)][-1]
+    assert states.angles[2] == pytest.approx(2 * math.pi)
+    assert states.speeds[2] == 0.0
+    assert group.state is DriverState.DISABLED
+
+
+def test_a_step_at_rest_is_a_fault_as_well(robot):
+    robot.turn(1.0)
+    robot.turn(1.0)
+    robot.stepped = {0: -(2**30)}
+    assert robot.turn(1.0)[0] is None
+    assert robot.cycle.group.cause.startswith("motor_1: its position steps by -51471.85 rad within 10 ms")
+    assert "a fault is latched" in robot.cycle.enable(robot.now)
+
+
+def test_nobody_notices_that_a_counter_goes_round(config):
+    robot = Robot(with_home(config, [2**31 - 1000] * len(config.drives)))
+    robot.position = 2**31 - 1000
+    robot.enable()
+    angles = []
+    for _ in range(8):
+        robot.position = wrapped(robot.position + 500)
+        states, _ = robot.turn(1.0)
+        angles.append(states.angles[0])
+        speed = 500 * 2 * math.pi / 131072 / PERIOD
+        assert states.speeds[:2] == pytest.approx((speed, -speed))
+    assert robot.position < 0
+    assert angles == pytest.approx([(k + 1) * 500 * 2 * math.pi / 131072 for k in range(8)])
+    assert robot.cycle.group.state is DriverState.ENABLED
+
+
+def test_a_velocity_that_no_motor_has_is_never_published(mapping):
+    mapping["velocity_source"] = "velocity_actual"
+    mapping["pdo"]["drive_tpdo_2"] = ["velocity_actual"]
+    cycle = DriveCycle(CanConfig.from_mapping(mapping, "can.yaml"))
+    facts = DriveFacts(4.2, 1e-3, False, 0, 0, 0)  # counted in thousandths of rad/s
+    for index in range(8):
+        cycle.configured(BEGIN, index, facts)
+    for turn, velocity in enumerate((400_000, 1_000_001)):
+        now = BEGIN + 0.004 * turn
+        cycle.sync(now, turn + 1)
+        cycle.step(now)
+        for index in range(8):
+            cycle.feedback(now, index, struct.pack("<Hih", AT_REST, 0, 0))
+        states = [cycle.velocity(now, index, struct.pack("<i", velocity)) for index in range(8)][-1]
+        assert (states is None) is (turn == 1)
+    assert cycle.group.cause == "motor_1: its speed is said to be 1000 rad/s: no motor is as fast"
+
+
+def test_the_first_answer_counts_and_one_too_many_is_a_fault(enabled):
+    for turn in range(3):
+        enabled.now += PERIOD
+        enabled.stamp += round(1e9 * PERIOD)
+        enabled.cycle.sync(enabled.now, enabled.stamp)
+        enabled.cycle.step(enabled.now)
+        for index in range(enabled.count - 1):
+            assert enabled.answer(index) is None
+        # a second drive with the node id of motor_3, at another place and in another state
+        other = struct.pack("<Hih", AT_REST, 100_000, 2000)
+        assert enabled.cycle.feedback(enabled.now + 1e-3, 2, other) is None
+        assert enabled.answer(7).angles == (0.0,) * enabled.count
+        for index in range(enabled.count):
+            enabled.cycle.command(enabled.now + 2e-3, index, enabled.stamp, 1.0)
+        assert enabled.cycle.group.state is (DriverState.FAULT if turn == 2 else DriverState.ENABLED)
+    assert enabled.cycle.group.cause == "motor_3 answers one SYNC twice: another device has its node id"
+    assert enabled.cycle.watch.statistics().repeated_feedback == 3
+
+
+@pytest.mark.parametrize("counts", [0, 20_000, 104_000, 400_000])
+def test_two_drives_with_one_node_id_are_told_apart_from_one_whose_encoder_slips(enabled, counts):
+    """The other one answers first."""
+    for _ in range(4):
+        enabled.now += PERIOD
+        enabled.stamp += round(1e9 * PERIOD)
+        enabled.cycle.sync(enabled.now, enabled.stamp)
+        enabled.cycle.step(enabled.now)
+        enabled.cycle.feedback(enabled.now, 2, struct.pack("<Hih", ENABLED, counts, 200))
+        for index in range(enabled.count):
+            enabled.answer(index)
+            enabled.cycle.command(enabled.now + 2e-3, index, enabled.stamp, 1.0)
+    assert enabled.cycle.group.state is DriverState.FAULT
+    assert enabled.cycle.group.cause.startswith(
+        "motor_3 answers one SYNC twice: another device has its node id"
+    )

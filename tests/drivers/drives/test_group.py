@@ -42,7 +42,7 @@ class Bench:
         self.group = DriveGroup(CONFIG)
         self.time = 100.0
         self.status = [AT_REST, AT_REST]
-        self.commanding = True
+        self.commanding = self.watched = True
 
     def cycle(self, *status, silent=()):
         """Run one cycle of 4 ms in which the drives report `status`."""
@@ -53,6 +53,8 @@ class Bench:
                 self.group.feedback(index, word, self.time)
             if self.commanding:
                 self.group.commanded(index, self.time)
+        if self.watched:
+            self.group.supervised(self.time)
         self.group.step(self.time)
         return self.group.state
 
@@ -207,6 +209,28 @@ def test_missing_commands_end_enabling(enabling):
 
 
 # enabled
+
+
+def test_drives_are_not_enabled_together_without_a_supervisor(disabled):
+    disabled.watched = False
+    for _ in range(40):
+        disabled.cycle()
+    assert "no sign of life of the supervisor" in disabled.group.enable(disabled.time)
+    assert disabled.group.enable(disabled.time, 1) is None  # for maintenance
+    disabled.cycle(AT_REST, SWITCHED_ON)
+    assert disabled.cycle(AT_REST, ENABLED) is DriverState.ENABLED
+    for _ in range(40):
+        disabled.cycle()
+    assert disabled.group.state is DriverState.ENABLED
+    assert "no sign of life of the supervisor" in disabled.group.enable(disabled.time, 0)
+
+
+def test_a_supervisor_that_ends_stops_the_drives(enabled):
+    enabled.watched = False
+    began = enabled.time
+    while enabled.cycle() is not DriverState.FAULT:
+        assert enabled.time - began < 0.2
+    assert enabled.group.cause == "no sign of life of the supervisor for 152 ms"
 
 
 def test_missing_commands_stop_the_drives(enabled):

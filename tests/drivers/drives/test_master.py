@@ -1,6 +1,8 @@
 import dataclasses
 import errno
 import math
+import random
+import re
 import struct
 import time
 from pathlib import Path
@@ -29,10 +31,13 @@ class Rig:
         self.states = []
         self.torques = [1.0] * len(config.drives)
         self.silent = set()
+        self.watched = True  # by a supervisor
         self.master = DriveMaster(config, ports, self._answer, self.lines.append)
 
     def _answer(self, states):
         self.states.append(states)
+        if self.watched:
+            self.master.supervised(states.stamp_ns)
         for index, torque in enumerate(self.torques):
             if index not in self.silent:
                 self.master.command(index, states.stamp_ns, torque)
@@ -153,6 +158,69 @@ def test_an_answer_that_is_cut_off_is_told_and_the_drive_is_set_up_again(
         ]
     finally:
         rig.master.stop()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drive_is_set_up_at_last_whatever_it_has_answered_before(config, ports, far_end, wait_until, seed):
+    drawn = random.Random(seed)
+    drive = far_end.drives[1]
+    right, answers = drive.sdo, [drawn.randbytes(size) for size in range(9) for _ in range(4)]
+    drawn.shuffle(answers)
+    drive.sdo = lambda data: answers.pop() if answers else right(data)
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        # Without its boot-up message one that has the answers of another device is not asked again.
+        wait_until(lambda: not answers or far_end.send(0x702, [0]))
+        far_end.send(0x702, [0])
+        wait_until(lambda: rig.state is DriverState.DISABLED)
+        assert drive.read(0x6072) == 2000
+    finally:
+        rig.master.stop()
+
+
+ENDED = "the driver's thread '{}' has ended (RuntimeError: defect): start the driver again"
+
+
+def defect(*arguments):
+    raise RuntimeError("defect")
+
+
+def test_a_set_up_thread_that_ends_is_a_fault_and_no_reset_clears_it(rig, far_end, wait_until, monkeypatch):
+    wait_until(lambda: rig.state is DriverState.DISABLED)
+    monkeypatch.setattr(rig.master._setup, "_allowed", defect)
+    far_end.send(0x702, [0])
+    ended = ENDED.format("device set-up")
+    wait_until(lambda: rig.cause == ended)
+    assert rig.master.fault_reset() == ended
+    assert rig.master.enable() == f"a fault is latched: {ended}; reset it first"
+
+
+def test_a_cycle_clock_that_ends_stops_the_drives(enabled, far_end, wait_until, monkeypatch):
+    monkeypatch.setattr(enabled.master, "_watch_devices", defect)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
+    assert enabled.cause == ENDED.format("cycle clock")
+    assert not enabled.master.snapshot().clock_running
+    wait_until(lambda: all(drive.rpdos[-1][0] == 0x02 for drive in far_end.drives))  # quick stop
+
+
+def test_a_defect_in_what_takes_a_frame_is_a_fault_and_frames_are_received_after_it(
+    enabled, ports, wait_until, monkeypatch, capsys
+):
+    monkeypatch.setattr(enabled.master, "_publish", defect)
+    wait_until(lambda: enabled.state is DriverState.FAULT)
+    assert re.fullmatch(r"bus main: frame of COB-ID 0x18\d: RuntimeError: defect", enabled.cause)
+    monkeypatch.undo()
+    known = len(enabled.states)
+    wait_until(lambda: len(enabled.states) > known + 3)
+    assert ports["main"].ended == ""
+    assert capsys.readouterr().err.count("Traceback") < ports["main"].bus_errors + 2
+
+
+def test_a_receiving_thread_that_ends_is_a_fault(rig, ports, wait_until):
+    wait_until(lambda: rig.state is DriverState.DISABLED)
+    ports["main"].ended = ENDED.format("bus main")
+    wait_until(lambda: rig.cause == ENDED.format("bus main"))
 
 
 @pytest.mark.parametrize(

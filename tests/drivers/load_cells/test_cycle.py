@@ -63,3 +63,18 @@ def test_what_is_wrong_with_each_cell_is_named(cycle, config):
 def test_a_frame_cut_short_is_refused(cycle):
     with pytest.raises(FrameError, match="frame of 4 bytes where 5 were expected"):
         answer(cycle, 0, "10 27 00 00")
+
+
+def test_a_cell_that_answers_more_often_than_it_is_asked_is_named(cycle, config):
+    for turn in range(4):
+        now = 10.0 + 0.004 * turn
+        cycle.sync(now, 7 + turn)
+        complete = [answer(cycle, index, now=now) for index in range(8)][-1]
+        assert complete == (7 + turn, pytest.approx((1000.0,) * 8))
+        assert answer(cycle, 2, "00 00 00 00 02", now=now) is None  # another amplifier, without a cell
+    words = "answers one SYNC twice: another device has its node id"
+    assert cycle.problems(now, {}) == {"cable_3": words}
+    cycle.sync(now + 2.0 * config.timeouts.feedback, 20)
+    for index in range(8):
+        answer(cycle, index, now=now + 2.0 * config.timeouts.feedback)
+    assert cycle.problems(now + 2.0 * config.timeouts.feedback, {}) == {}

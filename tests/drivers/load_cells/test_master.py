@@ -198,3 +198,30 @@ def test_a_cell_that_leaves_nmt_operational_is_started_again(rig, far_end, wait_
 
     wait_until(started_again)
     assert "cable_2 (node 12 on main): left NMT operational, it is pre-operational" in rig.lines
+
+
+@pytest.mark.parametrize("which", ["device set-up", "bus main"])
+def test_a_thread_that_ends_is_a_problem_of_all_cells(rig, ports, far_end, wait_until, monkeypatch, which):
+    ended = f"the driver's thread '{which}' has ended (RuntimeError: defect): start the driver again"
+
+    def defect():
+        raise RuntimeError("defect")
+
+    if which == "bus main":
+        ports["main"].ended = ended
+    else:
+        monkeypatch.setattr(rig.master._setup, "_allowed", defect)
+        far_end.send(0x711, [0])
+    wait_until(lambda: rig.master.problems(0.0) == {f"cable_{k + 1}": ended for k in range(8)})
+
+
+def test_whatever_ends_a_taring_is_told(rig, wait_until, monkeypatch, capsys):
+    rig.sync()
+    wait_until(lambda: rig.published)
+    rig.sync()
+    monkeypatch.setattr(rig.master, "_devices", [None])
+    assert rig.master.tare(1000.0) is None
+    wait_until(lambda: rig.report().tare_result)
+    assert rig.report().tare_result == "taring failed: 'NoneType' object has no attribute 'write'"
+    assert "Traceback" in capsys.readouterr().err
+    monkeypatch.undo()

@@ -6,6 +6,7 @@ import time
 
 import pytest
 import rclpy
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
@@ -21,19 +22,21 @@ from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.nodes.can_drives import CanDrives
 from cspr_drivers.nodes.load_cells import LoadCells
-from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, sample_publisher, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
     DRIVE_STATES,
     LOAD_CELL_STATES,
     MOTOR_STATES,
+    SUPERVISOR_ALIVE,
     cable_names,
     motor_command,
     motor_names,
 )
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.samples import SignOfLife
 
 PATIENCE = 30.0
 
@@ -55,6 +58,8 @@ class Bench:
         self._state_codec = JointStateCodec(motor_names(motors))
         self._tension_codec = JointStateCodec(cable_names(motors), position=False, velocity=False)
         self.codecs = [JointStateCodec((n,), position=False, velocity=False) for n in motor_names(motors)]
+        self.alive = sample_publisher(self.probe, SUPERVISOR_ALIVE)  # as a supervisor does
+        self.watched = True
         self.commands = [advertise(self.probe, motor_command(k)) for k in range(1, motors + 1)]
         subscribe_raw(self.probe, MOTOR_STATES, self._answer)
         subscribe_raw(
@@ -66,6 +71,8 @@ class Bench:
     def _answer(self, buffer):
         state = self._state_codec.decode(buffer)
         self.states.append(state)
+        if self.watched:
+            self.alive(SignOfLife(state.stamp_ns))
         for codec, publisher, torque in zip(self.codecs, self.commands, self.torques, strict=True):
             if torque is not None:
                 publisher.publish(codec.encode(state.stamp_ns, effort=[torque]))
@@ -319,6 +326,40 @@ def test_the_life_cycle_of_the_driver(bench, config, ports, far_end):
     bench.enable()
     node.make_safe()
     assert all(drive.status == 0x50 for drive in far_end.drives)
+
+
+def test_drives_are_enabled_together_only_while_a_supervisor_lives(bench, drives):
+    bench.watched = False
+    bench.until(lambda: bench.state == "disabled")
+    bench.until(lambda: "no sign of life" in bench.call("/can_drives/enable").message)
+    bench.until(lambda: bench.call("/can_drives/motor_3/enable").success)
+    bench.until(lambda: bench.state == "enabled")
+    bench.until(lambda: bench.call("/can_drives/motor_3/disable").success)
+    bench.watched = True
+    bench.enable()
+    bench.watched = False
+    bench.until(lambda: bench.state == "fault")
+    assert "no sign of life of the supervisor for" in bench.cause
+
+
+def test_a_transition_that_there_is_not_is_refused(bench, drives):
+    bench.enable()
+    client = bench.probe.create_client(ChangeState, "/can_drives/change_state")
+    bench.until(client.service_is_ready)
+    request = ChangeState.Request()
+    request.transition.id = Transition.TRANSITION_ACTIVATE  # it is active
+    future = client.call_async(request)
+    bench.until(future.done)
+    assert not future.result().success
+    assert bench.state == "enabled"
+
+
+def test_what_goes_wrong_in_a_callback_stops_the_drives_and_is_named(bench, drives):
+    bench.enable()
+    drives.failed(KeyError("gone"))  # which the process calls
+    bench.until(lambda: bench.state == "fault")
+    assert bench.cause == "can_drives failed: KeyError: 'gone'"
+    bench.until(lambda: bench.health["can_drives"][2].get("failure") == "KeyError: 'gone'")
 
 
 def test_a_bus_that_cannot_be_opened_leaves_the_node_unconfigured(bench, config):

@@ -16,7 +16,8 @@ from tests.messages import from_diagnostic_array, from_inertia_stamped, inertia_
 
 from cspr_drivers.errors import ConfigurationError, DriverError
 from cspr_drivers.nodes.simulated_robot import SimulatedRobot, create_nodes
-from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
+from cspr_kinematics import Robot
+from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw, subscribe_samples
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
@@ -24,10 +25,12 @@ from cspr_msgs_py.topics import (
     MOTOR_STATES,
     SET_SIMULATED_PAYLOAD,
     SIMULATED_PAYLOAD,
+    TRUE_POSE,
     cable_names,
     motor_names,
 )
 from cspr_msgs_py.wire.joint_state import JointStateCodec
+from cspr_msgs_py.wire.samples import PoseSample
 
 pytest.importorskip("mujoco")
 
@@ -70,9 +73,16 @@ class Observer:
         subscribe(self.probe, SIMULATED_PAYLOAD, lambda m: self.payloads.append(from_inertia_stamped(m)))
         subscribe(self.probe, DRIVE_STATES, self._drives)
         subscribe(self.probe, DIAGNOSTICS, lambda m: self.health.update(from_diagnostic_array(m)))
-        subscribe_raw(self.probe, MOTOR_STATES, lambda b: setattr(self, "states", motors.decode(b)))
+        self.stamps: set[int] = set()
+        self.poses: dict[int, PoseSample] = {}
+        subscribe_raw(self.probe, MOTOR_STATES, lambda b: self._motors(motors.decode(b)))
+        subscribe_samples(self.probe, TRUE_POSE, lambda sample: self.poses.update({sample.stamp_ns: sample}))
         subscribe_raw(self.probe, CABLE_TENSIONS, lambda b: setattr(self, "tensions", cables.decode(b)))
         self.commands = advertise(self.probe, SET_SIMULATED_PAYLOAD)
+
+    def _motors(self, states) -> None:
+        self.states = states
+        self.stamps.add(states.stamp_ns)
 
     def _drives(self, message) -> None:
         self.drive_state = from_diagnostic_array(message)["can_drives"][1]
@@ -113,6 +123,12 @@ def test_simulated_robot(observer):
     observer.until(lambda: observer.drive_state == "disabled" and observer.tensions and observer.states)
     assert np.abs(observer.states.position).max() < 0.01
     assert observer.tensions.effort.min() > 50.0
+    observer.until(lambda: len(observer.stamps & observer.poses.keys()) > 10)
+    pose = observer.poses[max(observer.stamps & observer.poses.keys())]
+    home = Robot.from_yaml(ROOT / "config" / "robot.yaml").home
+    assert pose.position == pytest.approx(home.position, abs=2e-3)
+    assert pose.quaternion_xyzw == pytest.approx(home.quaternion, abs=2e-3)
+
     before = observer.tensions.effort.sum()
     observer.until(lambda: observer.payloads)
     assert observer.payloads[-1][1] == 0.0

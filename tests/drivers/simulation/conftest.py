@@ -24,6 +24,7 @@ from cspr_drivers.simulation.simulation_config import (
     DriveProperties,
     LoadCellProperties,
     PayloadChange,
+    Sling,
 )
 from cspr_kinematics import Payload
 
@@ -43,6 +44,7 @@ class NotedPlant:
     def __init__(self, count: int = 1) -> None:
         self.time = 0.0
         self.payload = Payload.none()
+        self.growth = 0.0
         self.angles = np.zeros(count)
         self.speeds = np.zeros(count)
         self.torque = np.zeros(count)
@@ -57,8 +59,9 @@ class NotedPlant:
     def advance(self, time: float) -> None:
         self.time = max(self.time, time)
 
-    def set_payload(self, payload: Payload) -> None:
+    def set_payload(self, payload: Payload, duration: float = 0.0, sling: Sling | None = None) -> None:
         self.payload = payload
+        self.growth = duration
 
     def set_torque(self, index: int, torque: float) -> None:
         self.torque[index] = torque
@@ -79,6 +82,12 @@ class NotedPlant:
 
     def catch_platform(self, caught: bool) -> None:
         self.caught = caught
+
+    def platform_position(self) -> np.ndarray:
+        return np.array([self.time, 0.0, 0.0])  # tells when it was asked
+
+    def platform_quaternion(self) -> np.ndarray:
+        return np.array([0.0, 0.0, 0.0, 1.0])
 
     def motor_angles(self) -> np.ndarray:
         return self.angles.copy()

@@ -3,7 +3,14 @@ import pytest
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.bus.bus_timing import BusDisturbance
-from cspr_drivers.simulation.fault_injection import FaultInjector, FaultOrder, FaultTarget, InjectedFault
+from cspr_drivers.simulation.devices.encoder import Encoder
+from cspr_drivers.simulation.fault_injection import (
+    WITHOUT_DEVICES,
+    FaultInjector,
+    FaultOrder,
+    FaultTarget,
+    InjectedFault,
+)
 
 
 class NotedBus:
@@ -22,7 +29,8 @@ def bus():
 @pytest.fixture
 def injector(desk, load_cell_desk, bus):
     """Return an injector for one drive, and for the load cell of another desk."""
-    return FaultInjector((desk.drive,), (load_cell_desk().cell,), desk.machine, {"main": bus.disturb})
+    buses = {"main": bus.disturb}
+    return FaultInjector((desk.drive,), (load_cell_desk().cell,), desk.machine, buses, lambda: lambda: None)
 
 
 @pytest.mark.parametrize("fault", list(InjectedFault))
@@ -73,6 +81,19 @@ def test_clear_takes_a_fault_back(injector, desk, fault, attribute):
     assert getattr(desk.drive, attribute) is False
 
 
+@pytest.mark.parametrize("alone", [True, False])
+def test_an_encoder_stands_still_or_drifts_with_and_without_its_drive(desk, alone):
+    encoder = Encoder() if alone else desk.drive.encoder
+    drives, encoders = ((), (encoder,)) if alone else ((desk.drive,), ())
+    injector = FaultInjector(drives, (), desk.machine, {}, encoders=encoders)
+    injector.inject(injector.read("encoder_frozen motor_1"))
+    assert encoder.frozen
+    injector.inject(injector.read("encoder_drift motor_1"))
+    assert encoder.drift == 2.0
+    injector.clear()
+    assert (encoder.frozen, encoder.drift) == (False, 0.0)
+
+
 def test_missing_feedback_and_heartbeat(injector, desk):
     assert desk.write(0x1017, 0, 10, 2) == 0
     desk.wire.frames.clear()
@@ -87,6 +108,43 @@ def test_missing_feedback_and_heartbeat(injector, desk):
     desk.wait(0.05)
     assert len(desk.frames(desk.TPDO)) == 1
     assert desk.frames(0x700 + 5) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "shown"),
+    [
+        (InjectedFault.LOAD_CELL_OFFSET, 6600),
+        (InjectedFault.LOAD_CELL_ZERO, 0),
+        (InjectedFault.LOAD_CELL_GAIN, 5400),
+        (InjectedFault.LOAD_CELL_STUCK, 6000),
+    ],
+)
+def test_load_cells_show_what_their_faults_make_of_600_newton(load_cell_desk, fault, shown):
+    desk = load_cell_desk()
+    desk.map(0x1800, desk.TPDO, 1, (0x91300120, 0x61500108))
+    desk.nmt(1)
+    injector = FaultInjector((), (desk.cell,), desk.machine, {})
+    assert desk.measure()[0] == 6000  # tenths of a newton
+    injector.inject(injector.read(f"{fault.value} cable_1"))
+    assert desk.measure()[0] == shown
+    desk.plant.cable_tensions[0] = 700.0
+    desk.machine._measured = False
+    assert (desk.measure()[0] == 6000) is (fault is InjectedFault.LOAD_CELL_STUCK)
+    injector.clear()
+    desk.machine._measured = False
+    assert desk.measure()[0] == 7000
+
+
+def test_the_plant_alone_has_no_faults_of_devices(load_cell_desk):
+    desk = load_cell_desk()
+    injector = FaultInjector((), (desk.cell,), desk.machine, {}, encoders=(Encoder(),))
+    places = {FaultTarget.ROBOT: "", FaultTarget.CABLE: "cable_1", FaultTarget.MOTOR: "motor_1"}
+    for fault in InjectedFault:
+        if fault in WITHOUT_DEVICES:
+            injector.inject(injector.read(f"{fault.value} {places[fault.target]}"))
+        else:
+            with pytest.raises(DriverError, match=f"{fault.value} needs devices"):
+                injector.read(f"{fault.value} cable_1")
 
 
 def test_blocked_winch_holds_though_the_drive_says_otherwise(injector, desk):
@@ -105,6 +163,17 @@ def test_emergency_without_fault(injector, desk):
     assert desk.status() & 0xFF == 0xB7  # operation enabled, voltage, warning
     injector.clear()
     assert desk.emergencies() == [0]
+
+
+def test_an_encoder_that_steps_and_one_that_goes_round(injector, desk):
+    # object 6064h of 32 bits; the motor of the desk stands at its home pose
+    before = desk.read(0x6064, 0, signed=True)
+    injector.inject(FaultOrder(InjectedFault.ENCODER_WRAP))
+    assert desk.read(0x6064, 0, signed=True) == before
+    injector.inject(FaultOrder(InjectedFault.ENCODER_JUMP))
+    assert desk.read(0x6064, 0, signed=True) == before + 5 * desk.drive.value(0x608F, 1)
+    injector.clear()
+    assert desk.read(0x6064, 0, signed=True) == before
 
 
 def test_weak_brake_and_slipping_cable(injector, desk):
@@ -149,3 +218,15 @@ def test_drives_accept_what_the_driver_writes(repository, drive_desk):
             size = parameter.bits // 8
             code = desk.write(parameter.index, parameter.subindex, parameter.value, size, parameter.signed)
             assert code == 0, f"{parameter} = {parameter.value}: abort code 0x{code:08X}"
+
+
+def test_a_supervisor_is_killed_and_started_again(desk):
+    said = []
+    injector = FaultInjector((desk.drive,), (), desk.machine, {})
+    with pytest.raises(DriverError, match="no supervisor within reach"):
+        injector.read("supervisor_killed")
+    injector.kill_supervisor = lambda: said.append("killed") or (lambda: said.append("started"))
+    injector.inject(injector.read("supervisor_killed"))
+    assert said == ["killed"]
+    injector.clear()
+    assert said == ["killed", "started"]

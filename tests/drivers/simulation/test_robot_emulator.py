@@ -276,6 +276,33 @@ def test_payload(rig):
     assert plant.payload.mass == 80.0
 
 
+def test_the_true_pose_comes_once_for_the_syncs_of_all_buses(simulation, plant):
+    """A driver in this process announces the stamp of each cycle; without one the SYNC's own time is the stamp."""
+    config, poses, announced = two_buses(), [], []
+    with RobotEmulator(config, simulation, plant, EDS, publish_pose=poses.append) as emulator:
+        ends = [can.Bus(interface="virtual", channel=bus.channel) for bus in config.buses]
+        sync = can.Message(arbitration_id=0x080, is_extended_id=False)
+        for cycle in range(6):
+            before, sent = time.time_ns(), ends[:1]
+            if cycle >= 3:
+                announced.append(before)
+                emulator.announce_sync(time.monotonic(), before)
+                sent = ends
+            for end in sent:
+                end.send(sync)
+            until = time.monotonic() + 10.0
+            while len(poses) <= cycle and time.monotonic() < until:
+                time.sleep(CYCLE)
+            if cycle < 3:
+                assert before - 1_000_000 < poses[cycle].stamp_ns < time.time_ns()
+                sensed = 1e-9 * poses[cycle].stamp_ns - emulator.machine.system_time(0.0)
+                # the plant tells its time as the first coordinate
+                assert poses[cycle].position[0] == pytest.approx(sensed, abs=1e-3)
+        for end in ends:
+            end.shutdown()
+    assert [pose.stamp_ns for pose in poses[3:]] == announced
+
+
 def test_slack_cables_are_named(rig):
     emulator, _, plant = rig
     plant.cable_tensions[[2, 5]] = 0.0

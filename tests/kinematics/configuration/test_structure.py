@@ -34,6 +34,7 @@ class Cart:
     gear: Literal[1, -1]
     load: NotNegative | list[NotNegative]
     driver: Wheel | None
+    seats: list[NotNegative] | None
     step: Annotated[float, Meta(gt=0.0, le=0.5, description="or it tips over")]
     tags: list[str]
 
@@ -42,7 +43,7 @@ def cart(**changes: Any) -> dict[str, Any]:
     wheel = {"radius": 1, "spokes": 12}
     content = {
         "name": "one", "wheels": [wheel, dict(wheel)], "spare": {"left": dict(wheel)}, "colour": "blue", "gear": -1,
-        "load": 5.0, "driver": None, "step": 0.1, "tags": [],
+        "load": 5.0, "driver": None, "seats": None, "step": 0.1, "tags": [],
     }  # fmt: skip
     return content | changes
 
@@ -67,6 +68,9 @@ def test_a_mapping_that_fits() -> None:
         ({"wheels": [{"radius": 1.0}]}, "cart.yaml: wheels[0].spokes: is missing"),
         ({"wheels": []}, "wheels = []: must be a list of at least one element"),
         ({"wheels": {}}, "wheels = {}: must be a list"),
+        ({"seats": 2.0}, "seats = 2.0: must be a list"),
+        ({"seats": {"left": 2.0}}, "seats = {'left': 2.0}: must be a list"),
+        ({"seats": [-1.0]}, "seats[0] = -1.0: must not be negative"),
         ({"spare": {"left": 3}}, "spare.left = 3: must be a mapping of keys to values: radius, spokes, axis"),
         ({"spare": {1: {}}}, "spare = {1: {}}: its keys must be texts"),
         ({"spare": []}, "spare = []: must be a mapping of keys to values"),

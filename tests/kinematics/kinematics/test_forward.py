@@ -62,10 +62,10 @@ def test_batches_equal_loops(robot: Robot, random_pose: Callable[..., Pose]) -> 
 
 def test_measured_lengths_give_the_least_squares_pose(robot: Robot, rng: np.random.Generator) -> None:
     pose = Pose.from_euler([0.4, -0.3, 1.3], 0.05, 0.02, -0.08)
-    measured = inverse_kinematics(robot, pose).lengths + 2e-3 * rng.normal(size=8)
+    measured = inverse_kinematics(robot, pose).lengths + 2e-4 * rng.normal(size=8)
     solution = solve_forward_kinematics(robot, measured, robot.home)
     assert solution.converged
-    np.testing.assert_allclose(solution.pose.position, pose.position, atol=0.01)
+    np.testing.assert_allclose(solution.pose.position, pose.position, atol=1e-3)
     J = inverse_kinematics(robot, solution.pose).jacobian
     np.testing.assert_allclose(J.T @ solution.residual, 0.0, atol=1e-8)
     np.testing.assert_allclose(
@@ -92,7 +92,7 @@ def test_one_bad_member_does_not_spoil_the_batch(robot: Robot) -> None:
 
 def test_too_few_iterations_are_an_error(robot: Robot) -> None:
     far = inverse_kinematics(robot, Pose.from_euler([1.0, 0.5, 0.6], 0.3, 0.0, 0.0)).lengths
-    with pytest.raises(ForwardKinematicsError, match="after 1 iterations"):
+    with pytest.raises(ForwardKinematicsError, match="nearer guess, or allow more"):
         forward_kinematics(robot, far, robot.home, max_iterations=1)
 
 
@@ -110,7 +110,7 @@ def test_input_is_checked(robot: Robot, lengths: np.ndarray) -> None:
         forward_kinematics(robot, lengths, robot.home)
 
 
-@pytest.mark.parametrize("limit", [{"max_iterations": 0}, {"max_iterations": 2.5}, {"max_residual": 0.0}])
+@pytest.mark.parametrize("limit", [{"max_iterations": 0}, {"max_iterations": 2.5}, {"length_deviation": 0.0}])
 def test_limits_are_checked(robot: Robot, limit: dict[str, float]) -> None:
     lengths = inverse_kinematics(robot, robot.home).lengths
     with pytest.raises(InvalidInputError) as caught:

@@ -10,13 +10,20 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspr_kinematics import (
+    Acceleration,
+    CableProperties,
+    CableReachError,
     InvalidInputError,
     KinematicsError,
     Pose,
     Robot,
+    Twist,
     Winch,
+    cable_lengths,
     distribute_tensions,
     inverse_kinematics,
+    length_accelerations,
+    motion_from_euler,
     static_wrench,
 )
 
@@ -27,7 +34,13 @@ def with_cables(robot: Robot, order: list[int]) -> Robot:
     """The same robot with only the cables of `order`, in that order."""
     winch = Winch(robot.winch.drum_radius, robot.winch.gear_ratio, robot.winch.home_lengths[order])
     return dataclasses.replace(
-        robot, exit_points=robot.exit_points[order], anchor_points=robot.anchor_points[order], winch=winch
+        robot,
+        exit_points=robot.exit_points[order],
+        anchor_points=robot.anchor_points[order],
+        winch=winch,
+        tension_min=robot.tension_min[order],
+        tension_max=robot.tension_max[order],
+        cables=CableProperties(),
     )
 
 
@@ -69,6 +82,63 @@ def test_jacobian_by_finite_differences_of_the_lengths(
         lengths_ahead = inverse_kinematics(robot, ahead).lengths
         differences[..., axis] = (lengths_ahead - inverse_kinematics(robot, behind).lengths) / (2.0 * STEP)
     np.testing.assert_allclose(inverse_kinematics(robot, pose).jacobian, differences, atol=1e-9)
+
+
+SECOND_DIFFERENCE = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+
+
+@pytest.mark.parametrize("name", ["robot", "robot_with_pulleys", "cogiro", "six_cables", "twelve_cables"])
+@given(seed=st.integers(0, 2**32 - 1))
+def test_accelerations_are_second_differences_of_the_lengths(
+    robots: Callable[[str], Robot], name: str, seed: int
+) -> None:
+    """Along smooth motions through random poses, to eighth order in the step."""
+    robot, rng, step = robots(name), np.random.default_rng(seed), 0.01
+    time = step * np.arange(-4.0, 5.0)[:, None]
+    speed, swing, phase = rng.uniform(-0.5, 0.5, (3, 6))
+    center = np.concatenate(
+        (rng.uniform(robot.workspace_min, robot.workspace_max), rng.uniform(-0.3, 0.3, 3))
+    )
+    angle = 2.0 * time + 6.0 * phase
+    x = center + speed * time + swing * (np.sin(angle) - np.sin(6.0 * phase))  # up to 1.5 m/s and 2 m/s^2
+    v, a = speed + 2.0 * swing * np.cos(angle), -4.0 * swing * np.sin(angle)
+    motion = motion_from_euler(*(each[:, :3] for each in (x, v, a)), *(each[:, 3:] for each in (x, v, a)))
+    differences = SECOND_DIFFERENCE @ cable_lengths(robot, motion.pose) / step**2
+    computed = length_accelerations(robot, *motion)
+    np.testing.assert_allclose(computed[4], differences, rtol=1e-9, atol=1e-9)
+    assert np.abs(differences).max() > 0.01
+
+
+def test_a_pulley_swivels_under_a_cable_that_goes_around_it(robot_with_pulleys: Robot) -> None:
+    """Around the swivel axis at a constant speed no length changes, whatever the curvature of the path."""
+    robot, speed = robot_with_pulleys, 0.7
+    radius = robot.home.position + robot.anchor_points[2] - robot.exit_points[2]
+    spin = np.array([0.0, 0.0, speed])
+    velocity = np.cross(spin, radius)
+    around = Twist(velocity, np.zeros(3)), Acceleration(np.cross(spin, velocity), np.zeros(3))
+    assert length_accelerations(robot, robot.home, *around)[2] == pytest.approx(0.0, abs=1e-14)
+
+
+def test_accelerations_of_batches_that_broadcast(
+    robot_with_pulleys: Robot, random_pose: Callable[..., Pose]
+) -> None:
+    robot, pose, rng = robot_with_pulleys, random_pose(4), np.random.default_rng(3)
+    twist, acceleration = Twist(*rng.normal(size=(2, 3, 1, 3))), Acceleration(*rng.normal(size=(2, 3)))
+    every = length_accelerations(robot, pose, twist, acceleration)
+    assert every.shape == (3, 4, 8)
+    one = Pose(pose.position[2], pose.rotation[2])
+    same = length_accelerations(robot, one, Twist(twist.linear[1, 0], twist.angular[1, 0]), acceleration)
+    np.testing.assert_array_equal(every[1, 2], same)
+    still = length_accelerations(robot, pose, Twist.zero(), acceleration)
+    np.testing.assert_allclose(
+        still, inverse_kinematics(robot, pose).jacobian @ acceleration.vector, atol=1e-13
+    )
+    with pytest.raises(InvalidInputError, match="do not broadcast"):
+        length_accelerations(robot, pose, Twist(np.zeros((3, 3)), np.zeros(3)), acceleration)
+    inside = Pose(np.stack((robot.home.position, robot.exit_points[1] - robot.anchor_points[1])), np.eye(3))
+    with pytest.raises(CableReachError, match="cable 2: ") as caught:
+        length_accelerations(robot, inside, Twist(np.zeros((3, 1, 3)), np.zeros(3)), acceleration)
+    assert caught.value.index == (0, 1)
 
 
 @pytest.mark.parametrize("name", ["robot", "robot_with_pulleys", "cogiro", "six_cables", "twelve_cables"])

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from cspr_kinematics import (
+    CableProperties,
     ConfigurationFileError,
     InvalidInputError,
     Pulleys,
@@ -81,7 +82,13 @@ def test_each_cable_may_have_its_own(robot: Robot) -> None:
     six = list(range(6))
     winch = Winch(0.05, 30.0, robot.winch.home_lengths[six])
     fewer = dataclasses.replace(
-        robot, exit_points=robot.exit_points[six], anchor_points=robot.anchor_points[six], winch=winch
+        robot,
+        exit_points=robot.exit_points[six],
+        anchor_points=robot.anchor_points[six],
+        winch=winch,
+        tension_min=robot.tension_min[six],
+        tension_max=robot.tension_max[six],
+        cables=CableProperties(),
     )
     assert fewer.path_geometry.shape == (6, 10)
 

@@ -48,7 +48,7 @@ def write(mapping: dict[str, Any], tmp_path: Path) -> Callable[[str, Any], Path]
 def test_prototype(robot: Robot) -> None:
     assert robot.number_of_cables == 8
     assert robot.platform.mass == 153.0
-    assert (robot.tension_min, robot.tension_max) == (50.0, 3000.0)
+    assert (robot.tension_min.tolist(), robot.tension_max.tolist()) == ([50.0] * 8, [3000.0] * 8)
     assert robot.winch.transmission_ratio == pytest.approx(0.05 / 30.0)
     np.testing.assert_array_equal(robot.home.position, [0.0, 0.0, 1.0])
     np.testing.assert_array_equal(robot.home.rotation, np.eye(3))
@@ -63,7 +63,7 @@ def test_prototype_platform_is_a_homogeneous_box(robot: Robot) -> None:
 
 
 def test_motor_holds_the_largest_tension(robot: Robot) -> None:
-    holding = -robot.winch.motor_torque(np.full(8, robot.tension_max)).min()
+    holding = -robot.winch.motor_torque(robot.tension_max).min()
     assert holding + robot.motor.coulomb_friction < robot.motor.torque_limit
 
 

@@ -290,6 +290,18 @@ def test_all_methods_on_whole_robots(any_robot: Robot) -> None:
             assert margins[method].mean() > margins["closest"].mean()
 
 
+@pytest.mark.parametrize("limit", [500.0, 5000.0, 1e6])
+def test_a_light_platform_between_wide_limits(ten_cables: Robot, limit: float) -> None:
+    """1.2 N of weight, tensions of thousands: what is feasible is so by every method."""
+    way = np.linspace(ten_cables.workspace_min, ten_cables.workspace_max, 201)
+    pose = Pose(way, np.eye(3))
+    A, w = inverse_kinematics(ten_cables, pose).wrench_matrix, static_wrench(ten_cables, pose)
+    closest, center = (distribute_tensions(A, w, 0.0, limit, m) for m in ("closest", "analytic_center"))
+    assert closest.feasible.sum() > 100
+    np.testing.assert_array_equal(center.feasible, closest.feasible)
+    assert (center.margin > closest.margin)[closest.feasible].all()
+
+
 def test_margin_is_the_distance_from_the_nearest_limit() -> None:
     A, _ = at_pose(8, 4)
     at_limit = distribute_tensions(A, A @ np.full(8, 400.0), 390.0, 700.0, "closest")

@@ -46,7 +46,7 @@ def extreme(robot: Robot, A: np.ndarray, w: np.ndarray, slope: np.ndarray, sign:
         np.append(np.zeros(m), -sign),
         A_eq=np.column_stack((A, -slope)),
         b_eq=w,
-        bounds=[(robot.tension_min, robot.tension_max)] * m + [(None, None)],
+        bounds=[*zip(robot.tension_min, robot.tension_max, strict=True), (None, None)],
     )
     return float(answer.x[-1]) if answer.status == 0 else math.nan
 

@@ -24,7 +24,7 @@ def test_what_is_said_of_a_node_beats_what_is_said_of_all():
     assert file.of("mass_estimator") == {"kp": 2.0, "max_payload": 250.0, "time_constant": 0.3}
     assert file.of("feedforward") == {"kp": 2.0, "max_payload": 300.0}
     assert file.of("supervisor")["max_age.setpoint"] == 0.2
-    assert file.values("mass_estimator")["pose_timeout"] == 0.2  # the default
+    assert file.values("mass_estimator")["input_timeout"] == 0.1  # the default
     assert "kp" not in file.values("mass_estimator")
 
 
@@ -69,8 +69,11 @@ def test_what_is_said_of_a_node_beats_what_is_said_of_all():
             "line 3: trajectory_publisher has no parameter 'speeed'; did you mean speed",
         ),
         ("supervisor:\n  ros__parameters:\n    max_age: {setpont: 1.0}", r"did you mean max_age\.setpoint"),
-        ("feedforward: {ros__parameters: {pose_timeout: 1.0}}", "mass_estimator has pose_timeout"),
-        ("feedforward: {ros__parameters: {zzz: 1.0}}", "it has robot_config, model, payload_source"),
+        ("feedforward: {ros__parameters: {slack_hold: 1.0}}", "mass_estimator has slack_hold"),
+        (
+            "feedforward: {ros__parameters: {zzz: 1.0}}",
+            "it has robot_config, model, winch_inertia, payload_source",
+        ),
         ("robot/feedfoward: {ros__parameters: {}}", None),
         ("feedfoward: {ros__parameters: {model: none}}", "no node feedfoward; did you mean feedforward"),
         ("motor_controller_3: {ros__parameters: {motor: 3}}", "motor_controller_3 has no parameter 'motor'"),
@@ -106,8 +109,9 @@ def test_what_depends_on_the_computers_clock_is_stretched():
     file.change("feedforward", {"model": "static"})
     file.slow_down(0.25)
     slow = ParameterFile(file.text(), "slow.yaml")
-    assert slow.of("mass_estimator")["time_constant"] == 1.2
-    assert slow.values("mass_estimator")["center_rate_limit"] == 0.25 * 0.2
+    assert slow.of("mass_estimator")["time_constant"] == 0.3  # counts on the machine's clock
+    assert slow.values("mass_estimator")["input_timeout"] == 0.4
+    assert slow.values("feedforward")["switch_slew"] == 0.25 * 2.0
     assert slow.values("supervisor")["max_age.setpoint"] == 0.8
     assert slow.values("motor_controller_3")["setpoint_timeout"] == 0.4
     assert slow.values("trajectory_publisher")["max_gap"] == 0.4

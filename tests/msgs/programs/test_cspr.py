@@ -29,7 +29,7 @@ def test_lists_every_program_and_imports_none() -> None:
     code = (
         "import sys\nfrom cspr_msgs_py.programs.cspr import main\nassert main(['--help']) == 0\n"
         "loaded = {name for name in sys.modules if name.startswith(('cspr_', 'numpy', 'rclpy'))}\n"
-        "own = {'', '.errors', '.programs', '.programs.cspr', '.programs.command_line'}\n"
+        "own = {'', '.errors', '.programs', '.programs.cspr', '.programs.command_line', '.programs.linear_algebra'}\n"
         "assert loaded == {f'cspr_msgs_py{name}' for name in own}, loaded\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

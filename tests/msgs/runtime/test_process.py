@@ -55,7 +55,9 @@ class Worker(Node):
         self.received += 1
         if self.received == 10:
             self.client.call_async(Trigger.Request()).add_done_callback(self.answered)
-        if CASE == "raising callback" and self.received == 20:
+        if self.received == 200:
+            print("still receiving", flush=True)
+        if CASE in ("raising callback", "raising for good") and self.received == 20:
             raise ValueError("no such thing")
         if CASE == "raising part of a node" and self.received == 20:
             try:
@@ -69,6 +71,11 @@ class Worker(Node):
         if CASE == "raising answer":
             raise StartError("the answer makes no sense")
 
+    def failed(self, error):
+        print("worker told", flush=True)
+        if CASE == "raising for good":
+            raise StartError("the robot cannot be stopped")
+
     def make_safe(self):
         self.publish()
         print("safe", flush=True)
@@ -78,6 +85,9 @@ class Worker(Node):
 class Controller(Node):
     def __init__(self):
         super().__init__("controller", **LEAN_NODE)
+
+    def failed(self, error):
+        print("controller told", flush=True)
 
     def make_safe(self):
         print("controller safe", flush=True)
@@ -186,23 +196,27 @@ def test_a_defect_comes_with_its_traceback() -> None:
 
 
 @pytest.mark.parametrize(
-    ("case", "line"),
+    ("case", "line", "told"),
     [
-        ("raising callback", "worker: ValueError: no such thing\n"),
-        ("raising part of a node", "controller: KeyError: 'key'\n"),
+        ("raising callback", "worker: ValueError: no such thing (", "worker"),
+        ("raising part of a node", "controller: KeyError: 'key' (", "controller"),
+        ("raising answer", "worker: StartError: the answer makes no sense (", "worker"),
     ],
 )
-def test_a_raising_callback_ends_the_process_safely(case: str, line: str) -> None:
-    status, output = Program(case).end()
-    assert status == 1
-    assert f"\n{line}" in output
+def test_a_raising_callback_is_told_to_its_node_and_ends_nothing(case: str, line: str, told: str) -> None:
+    program = Program(case)
+    program.wait_for(line)
+    program.wait_for(f"{told} told")
+    program.wait_for("still receiving")
+    status, output = program.end(signal.SIGINT)
+    assert status == 0
     assert "controller safe" in output
 
 
-def test_a_raising_answer_ends_the_process_safely() -> None:
-    status, output = Program("raising answer").end()
+def test_what_a_node_cannot_deal_with_ends_the_process_safely() -> None:
+    status, output = Program("raising for good").end()
     assert status == 1
-    assert "worker: the answer makes no sense\n" in output
+    assert "worker: the robot cannot be stopped\n" in output
     assert "controller safe" in output
 
 

@@ -178,7 +178,14 @@ def require_one_robot(configurations: Mapping[str, Configuration]) -> tuple[str,
 def _robot_values(robot: Robot) -> dict[str, Any]:
     values: dict[str, Any] = plain(robot)
     del values["winch"]["home_lengths"]  # they follow from the others
+    values["cables"] = {name: _said_once(each) for name, each in values["cables"].items()}
+    values |= {name: _said_once(values[name]) for name in ("tension_min", "tension_max")}
     return values | {"home": {"position": plain(robot.home.position), "euler": plain(robot.home.euler)}}
+
+
+def _said_once(per_cable: list[Any]) -> Any:
+    """Return a value that is the same for all cables as one."""
+    return per_cable[0] if len(set(per_cable)) == 1 else per_cable
 
 
 def differences(first: Any, second: Any, path: str = "") -> dict[str, tuple[Any, Any]]:

@@ -13,7 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.analysis.alignment import Alignment
 from cspr_control.analysis.configuration import Configuration, read_configuration
+from cspr_control.analysis.pose_track import PoseTrack
 from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_control.analysis.timeline import Span, Timeline, read_timeline
 from cspr_control.errors import ControlError
@@ -30,6 +32,7 @@ Times = NDArray[np.int64]
 T = TypeVar("T")
 
 CONFIGURATION_DIRECTORY = Path("config")
+TRUE_POSE = "true pose"
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,28 @@ class Window:
     name: str
     start: float
     end: float
+
+
+@dataclass(frozen=True, eq=False)
+class ActualPose:
+    """Where the platform was, to judge it by.
+
+    Attributes
+    ----------
+    source
+        `TRUE_POSE`, or the topic or file of what measured it.
+    track
+        In base.
+    point
+        Whose position it is, in platform (3,), m.
+    alignment
+        What was done to a measured pose before; None if nothing was.
+    """
+
+    source: str
+    track: PoseTrack
+    point: Floats
+    alignment: Alignment | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +83,9 @@ class Recording:
         What the controllers answered to each of the n motor states, N m; NaN where they did not.
     references : References or None
     poses : Poses or None
+        As estimated.
+    actual : ActualPose or None
+        True pose of a simulated robot, or what measured it in its place.
     estimate, truth : Inertias or None
         The payload as estimated and, of a simulated robot, as it is; the log times are on the robot's clock.
     outcome : dict
@@ -77,6 +105,7 @@ class Recording:
     command_torque: Floats | None
     references: References | None
     poses: Poses | None
+    actual: ActualPose | None
     estimate: Inertias | None
     truth: Inertias | None
     outcome: dict[str, Any]
@@ -87,6 +116,17 @@ class Recording:
     def robot(self) -> Robot:
         """The robot as the controller believed it to be."""
         return self.configuration.robot
+
+    def cable_lengths(self) -> Floats:
+        """Return the lengths of the cables (n, m) at the motor states, m, stretch included.
+
+        Under the measured tensions, or where there are none under those of the home pose.
+        """
+        states, tensions = self.states, self.tensions
+        if tensions is None or not self.robot.cables.stretch:
+            return self.robot.cable_lengths(states.position)
+        columns = [np.interp(states.time_ns, tensions.time_ns, column) for column in tensions.effort.T]
+        return self.robot.cable_lengths(states.position, np.maximum(np.stack(columns, axis=-1), 0.0))
 
     @property
     def trajectories(self) -> tuple[Span, ...]:
@@ -226,6 +266,9 @@ def recording_of(
         lambda topic: _sorted(bag.poses(topic)),
         "the platform is not shown where it was",
     )
+    actual = None
+    if counts.get(topics.TRUE_POSE.name):
+        actual = ActualPose(TRUE_POSE, PoseTrack.of(bag.poses(topics.TRUE_POSE.name)), np.zeros(3))
     clock = robot_clock(states)
 
     def arrived(topic: str) -> Inertias:
@@ -244,6 +287,7 @@ def recording_of(
         _commands(bag, counts, states, m, remarks),
         references,
         poses,
+        actual,
         estimate,
         truth,
         _outcome(path),

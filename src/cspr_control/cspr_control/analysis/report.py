@@ -76,7 +76,10 @@ def _description(runs: Sequence[RunAnalysis], packer: Packer) -> dict[str, Any]:
     whole = [run.recording.seconds(run.recording.states.time_ns[[0, -1]]) for run in runs]
     tensions = [run.recording.tensions.effort for run in runs if run.recording.tensions is not None]
     # a momentary peak may exceed the scale: the colours show what lasts
-    scale = max((1.1 * float(np.quantile(t, 0.95)) for t in tensions if t.size), default=robot.tension_max)
+    scale = max(
+        (1.1 * float(np.quantile(t, 0.95)) for t in tensions if t.size),
+        default=float(robot.tension_max.max()),
+    )
     recorded = datetime.fromtimestamp(runs[0].recording.origin_ns * 1e-9, UTC)
     many = f"{len(runs)} runs" if len(runs) > 1 else controller_title(runs[0].name)
     return {
@@ -94,7 +97,7 @@ def _description(runs: Sequence[RunAnalysis], packer: Packer) -> dict[str, Any]:
             "anchor_points": robot.anchor_points.tolist(),
             "frame_size": robot.frame_size.tolist(),
             "platform_size": robot.platform_size.tolist(),
-            "tension_min": robot.tension_min,
+            "tension_min": robot.tension_min.tolist(),
         },
         "summary": [[name, texts] for name, texts in summary_rows(runs)],
         "by_motor": [
@@ -151,8 +154,13 @@ def _blocks(run: RunAnalysis, packer: Packer, limit: int) -> dict[str, Any]:
             *envelope(recording.seconds(time_ns), np.concatenate(values, axis=1), limit)
         )
 
+    if run.platform is not None:
+        angle = run.platform.angle
+        turned = np.full(run.platform.time_ns.size, np.nan) if angle is None else np.degrees(angle)
+        distances = (1e3 * run.platform.position, 1e3 * run.platform.distance[:, None], turned[:, None])
+        add("platform", run.platform.time_ns, *distances)
     torque = states.effort if states.effort.shape[1] else np.full(states.position.shape, np.nan)
-    add("states", states.time_ns, torque, recording.robot.winch.cable_lengths(states.position))
+    add("states", states.time_ns, torque, recording.cable_lengths())
     if run.errors is not None:
         add("errors", run.errors.time_ns, np.degrees(run.errors.position), np.degrees(run.errors.velocity))
     if predicted is not None:

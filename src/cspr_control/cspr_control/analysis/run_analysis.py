@@ -12,14 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.analysis.configuration import require_one_robot
+from cspr_control.analysis.measured_pose import MeasuredPose, judged_by
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import change_indices
 from cspr_control.analysis.numbers.metrics import RunMetrics, run_metrics
 from cspr_control.analysis.numbers.motor_errors import MotorErrors, motor_errors
+from cspr_control.analysis.numbers.platform_error import platform_error
 from cspr_control.analysis.numbers.predicted_tensions import PredictedTensions, predict_tensions
+from cspr_control.analysis.pose_track import PoseDifference
 from cspr_control.analysis.recording import CONFIGURATION_DIRECTORY, Recording, read_recording
 from cspr_control.errors import ControlError
 from cspr_kinematics import KinematicsError
+from cspr_msgs_py.topics import TRUE_POSE
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +37,8 @@ class RunAnalysis:
     name
         What it is called beside other runs: its controller, if no other run has the same.
     recording : Recording
+    platform : PoseDifference or None
+        Where the platform was less where it should have been.
     errors : MotorErrors or None
     predicted : PredictedTensions or None
     metrics : RunMetrics
@@ -42,6 +48,7 @@ class RunAnalysis:
 
     name: str
     recording: Recording
+    platform: PoseDifference | None
     errors: MotorErrors | None
     predicted: PredictedTensions | None
     metrics: RunMetrics
@@ -110,6 +117,12 @@ class RunAnalysis:
 def analyse_recording(recording: Recording, name: str | None = None) -> RunAnalysis:
     """Compute what follows from a recording; what cannot be computed becomes a remark."""
     remarks = list(recording.remarks)
+    if recording.actual is None:
+        remarks.append(
+            f"{recording.path} has no messages on {TRUE_POSE.name}: how far the platform was from where it should be "
+            "is not known (analyze --measured-pose names what measured it)"
+        )
+    platform = platform_error(recording)
     errors = predicted = None
     if recording.setpoints is not None:
         try:
@@ -124,8 +137,10 @@ def analyse_recording(recording: Recording, name: str | None = None) -> RunAnaly
             remarks.append(f"{recording.path}: no tensions of the model: {problem}")
     if not recording.trajectories:
         remarks.append(f"{recording.path} has no trajectory: the numbers cover the whole recording")
-    metrics = run_metrics(recording, errors, predicted)
-    return RunAnalysis(name or recording.controller, recording, errors, predicted, metrics, tuple(remarks))
+    metrics = run_metrics(recording, platform, errors, predicted)
+    return RunAnalysis(
+        name or recording.controller, recording, platform, errors, predicted, metrics, tuple(remarks)
+    )
 
 
 def analyse_bags(
@@ -133,6 +148,7 @@ def analyse_bags(
     labels: Sequence[str] = (),
     robot_file: Path | None = None,
     configuration_directory: Path = CONFIGURATION_DIRECTORY,
+    measured: MeasuredPose | None = None,
 ) -> tuple[RunAnalysis, ...]:
     """Read and analyse bags of one robot.
 
@@ -144,6 +160,8 @@ def analyse_bags(
         Names of the runs; by default their controllers, with the run's directory where these are not different.
     robot_file, configuration_directory
         As for `read_recording`.
+    measured
+        What measured the platform's pose, in place of the true one.
 
     Raises
     ------
@@ -151,6 +169,8 @@ def analyse_bags(
         If a bag cannot be analysed, or the bags are of different robots.
     """
     recordings = [read_recording(path, robot_file, configuration_directory) for path in paths]
+    if measured is not None:
+        recordings = [judged_by(recording, measured) for recording in recordings]
     names = list(labels) or _names(recordings)
     if len(set(names)) != len(names):
         raise ControlError(f"two runs have the same label: {', '.join(names)}; give each its own")

@@ -12,11 +12,12 @@ from cspr_control.closed_loop.loop import ClosedLoopError
 from cspr_control.closed_loop.run import closed_loop
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.reference.point_to_point import PointToPoint
-from cspr_msgs_py.vocabulary import RobotState
+from cspr_msgs_py.vocabulary import RobotState, TrajectoryPhase
 
 PAYLOAD = 200.0  # kg on a platform of 153 kg
 LARGEST_DROP = 0.020  # m
 _WAY = 0.6  # m along x, of a robot that moves
+_HOLDING = 1.0  # s for which a robot that is held still has been enabled
 _SETTLING = 0.2  # s for which the robot is watched after the brakes hold
 
 
@@ -27,11 +28,11 @@ class Outcome:
     Attributes
     ----------
     cause
-        As latched.
+        As latched; empty after what is harmless.
     controlled
         Whether the robot came to rest along its path first.
     duration
-        From the fault until all brakes hold, s.
+        From the fault until all brakes hold, s; None where they stay open, as they must after what is harmless.
     drop
         Height lost, from the fault until the platform rests on the brakes, m.
     lowest_tension
@@ -42,7 +43,7 @@ class Outcome:
 
     cause: str
     controlled: bool
-    duration: float
+    duration: float | None
     drop: float
     lowest_tension: float
     jump: float
@@ -67,16 +68,21 @@ def outcome_of(scenario: FaultScenario, moving: bool, config: Path) -> Outcome:
     Raises
     ------
     FaultError
-        If it ends otherwise than held, brakes closed, latched and named, or the robot cannot be brought back.
+        If it ends otherwise than held, brakes closed, latched and named, or the robot cannot be brought back; or if
+        anything at all comes of what is harmless.
     """
-    loop = closed_loop(Scenario(payload=PAYLOAD, config=config))
+    loop = closed_loop(Scenario(payload=PAYLOAD, config=config, home_counts=scenario.home_counts))
     try:
         loop.begin()
         loop.time.wait(2.0)  # the estimate of the payload settles
         loop.enable()
-        if moving:
+        if not moving:
+            loop.time.wait(_HOLDING)
+        else:
             way = _WAY * scenario.towards
             loop.play(lambda here: PointToPoint(here, sideways(here, way), loop.player.limits))
+            if scenario.harmless:
+                return _go_on(loop, scenario)
             middle = (loop.player.start_time + loop.player.end_time) / 2  # where it is fastest
             loop.time.wait((middle - loop.time.system_ns()) * 1e-9)
         return _run(loop, scenario)
@@ -123,6 +129,32 @@ def _run(loop: RobotLoop, scenario: FaultScenario) -> Outcome:
     return Outcome(
         cause, RobotState.STOPPING in states, duration, drop, min(tensions), _recover(loop, scenario.rest)
     )
+
+
+def _go_on(loop: RobotLoop, scenario: FaultScenario) -> Outcome:
+    """Let happen what is harmless, and the motion go on to its end."""
+    plant, time = loop.machine.plant, loop.time
+    heights: list[float] = []
+    tensions: list[float] = []
+    onset: list[float] = []
+
+    def look() -> None:
+        if not onset and scenario.onset(loop):
+            onset.append(time.monotonic())
+        heights.append(plant.platform_position()[2])
+        tensions.append(plant.tensions().min())
+
+    look()
+    _require(not onset, "it has happened before", loop)
+    loop.machine.on_tick = look
+    scenario.begin(loop)
+    loop.wait_until(lambda: loop.player.phase.at_rest, scenario.lasts, lambda: "the motion does not end")
+    time.wait(_SETTLING)
+    _require(bool(onset), "it has not happened", loop)
+    _require(loop.state is RobotState.ENABLED and not loop.cause, "it is not harmless", loop)
+    finished = loop.player.phase is TrajectoryPhase.FINISHED
+    _require(finished, f"the motion was given up: {loop.player.interruption}", loop)
+    return Outcome("", False, None, heights[0] - min(heights), min(tensions), 0.0)
 
 
 def _recover(loop: RobotLoop, rest: float) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 from cspr_control.closed_loop.loop import ClosedLoop
 from cspr_control.closed_loop.robot import SimulatedRobot
 from cspr_control.reference.point_to_point import PointToPoint
+from cspr_control.supervision.checks import MonitoredInput
 from cspr_drivers.simulation.fault_injection import FaultOrder, InjectedFault
 from cspr_kinematics import Pose
 from cspr_msgs_py.topics import RECORDER_STATE
@@ -24,6 +25,7 @@ from cspr_msgs_py.wire.samples import Status
 
 RobotLoop: TypeAlias = "ClosedLoop[SimulatedRobot]"
 _PLACE = 2  # the motor or cable, from 0, that has the fault
+_NEW_POSE = 0.1  # s, age up to which the lengths fit a pose now
 _WINDING = 2.0  # s that turning a drum back by hand may take
 
 
@@ -46,13 +48,17 @@ class FaultScenario:
     towards
         Where a robot that moves goes along x, -1 or 1.
     moving, held
-        Whether it can happen to a robot that moves, and to one that is held still.
+        Whether it can happen to a robot that moves, and to one that is held still, and shows there.
     lasts
         Longest time until the brakes hold, s.
     rest
         Time for the estimate of the payload to recover before the operator enables again, s.
     harms_tension
         Whether the fault itself takes the tension out of a cable.
+    harmless
+        Whether it is none: the robot must go on with its motion, which begins with it, as if nothing were.
+    home_counts
+        Position value of all drives at the home pose, if not those of can.yaml.
     """
 
     name: str
@@ -66,6 +72,8 @@ class FaultScenario:
     lasts: float = 2.0
     rest: float = 0.1
     harms_tension: bool = False
+    harmless: bool = False
+    home_counts: int | None = None
 
 
 def _answer(torque: Callable[[float], float | None]) -> Callable[[RobotLoop], None]:
@@ -88,6 +96,12 @@ def _unknown_motor(loop: RobotLoop) -> None:
 def _freeze(loop: RobotLoop) -> None:
     loop.machine.driver_runs = False
     loop.time.at(loop.time.monotonic() + 1.0, lambda: setattr(loop.machine, "driver_runs", True))
+
+
+def _kill_supervisor(loop: RobotLoop) -> None:
+    """Kill it; whoever watches over processes starts another half a second later."""
+    loop.machine.faults.inject(FaultOrder(InjectedFault.SUPERVISOR_KILLED))
+    loop.time.at(loop.time.monotonic() + 0.5, loop.machine.faults.clear)
 
 
 def _leave_workspace(loop: RobotLoop) -> None:
@@ -113,6 +127,17 @@ def _lift_what_is_caught(loop: RobotLoop) -> None:
     loop.play(lambda here: PointToPoint(here, Pose(here.position + up, here.rotation), slow))
 
 
+def _answer_again(loop: RobotLoop) -> None:
+    """Let the drive answer as it should, once the driver has been told what it did instead."""
+    told = loop.machine.not_set_up
+    loop.wait_until(
+        lambda: any("it answers with 2 bytes" in problem for problem in told().values()),
+        5.0,
+        lambda: f"cut answers are not told: {told()}",
+    )
+    loop.machine.faults.clear()
+
+
 def wait_until_set_up(loop: RobotLoop) -> None:
     """Let time pass until devices that booted or were away are set up again; nothing can be reset before."""
     waiting = loop.machine.not_set_up
@@ -126,9 +151,15 @@ def _wind_back(loop: RobotLoop) -> None:
     plant, time = loop.machine.plant, loop.time
     wait_until_set_up(loop)
     plant.set_brake(_PLACE, closed=False)
-    end = time.monotonic() + _WINDING
-    while time.monotonic() < end and abs(error := loop.supervisor.checks.following_errors()[_PLACE]) > 0.1:
-        hand = max(-2.5, min(2.5, 10.0 * error)) - 1.2
+    end, checks = time.monotonic() + _WINDING, loop.supervisor.checks
+    while time.monotonic() < end:
+        error = checks.following_errors()[_PLACE]
+        known = checks.age(MonitoredInput.PLATFORM_POSE, time.monotonic()) < _NEW_POSE
+        if known and abs(error) <= 0.1:
+            break
+        # A cable that hangs slack fits no pose: it is wound in gently until it does.
+        slack = not known and plant.tensions()[_PLACE] < loop.robot.tension_min[_PLACE]
+        hand = -0.6 if slack else max(-2.5, min(2.5, 10.0 * error)) - 1.2
         plant.set_torque(_PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[_PLACE])
         time.wait(0.002)
     plant.set_brake(_PLACE, closed=True)
@@ -164,11 +195,15 @@ SCENARIOS = (
         lambda loop: loop.machine.restart_driver(),
         lasts=3.0,
     ),
+    FaultScenario(
+        InjectedFault.SUPERVISOR_KILLED.value, _kill_supervisor, "no sign of life of the supervisor"
+    ),
     FaultScenario("driver_ended", lambda loop: loop.machine.drives.disable(), "by themselves"),
     _injected(InjectedFault.DRIVE_SILENT, "motor_3"),
     _injected(InjectedFault.DRIVE_NO_FEEDBACK, "motor_3"),
     _injected(InjectedFault.DRIVE_NO_HEARTBEAT, "motor_3"),
     _injected(InjectedFault.DRIVE_RESET, "motor_3"),
+    _injected(InjectedFault.SHORT_SDO, "motor_3: restarted", end=_answer_again),
     _injected(InjectedFault.DRIVE_FAULT, "motor_3"),
     _injected(InjectedFault.DRIVE_WRONG_MODE, "motor_3"),
     _injected(InjectedFault.DRIVE_EMERGENCY, "motor_3"),
@@ -180,18 +215,37 @@ SCENARIOS = (
         towards=-1.0,
         held=False,
     ),
+    _injected(InjectedFault.ENCODER_FROZEN, "encoder of motor_3", held=False),
+    _injected(InjectedFault.ENCODER_DRIFT, "motor_3"),
     FaultScenario("controller_no_torque", _answer(lambda torque: 0.0), "motor_3", **_DRUM_TURNS),
+    _injected(InjectedFault.ENCODER_JUMP, "motor_3: its position steps by"),
+    # the counter ends after 8 revolutions, which the motion makes
+    _injected(
+        InjectedFault.ENCODER_WRAP,
+        "",
+        onset=lambda loop: loop.machine.devices[_PLACE].value(0x6064) < 0,
+        held=False,
+        lasts=12.0,
+        harmless=True,
+        home_counts=2**31 - 8 * 131_072,
+    ),
+    _injected(InjectedFault.DUPLICATE_NODE, "motor_3 answers one SYNC twice"),
+    _injected(InjectedFault.LOAD_CELL_DOUBLED, "cable_3: answers one SYNC twice"),
     _injected(InjectedFault.LOAD_CELL_SILENT, "cable_3"),
     _injected(InjectedFault.LOAD_CELL_SATURATED, "cable_3"),
     _injected(InjectedFault.LOAD_CELL_STUCK, "cable_3", lasts=4.0),
     _injected(InjectedFault.LOAD_CELL_DRIFTING, "cable_3", lasts=8.0),
-    _injected(InjectedFault.CABLE_SLACK, "cable", harms_tension=True, rest=2.0),
+    # held still, the dry friction of a motor hides as much as this
+    _injected(InjectedFault.LOAD_CELL_OFFSET, "cable_3 reads", held=False),
+    _injected(InjectedFault.LOAD_CELL_ZERO, "cable_3 reads"),
+    _injected(InjectedFault.LOAD_CELL_GAIN, "cable_3 reads", held=False),
+    _injected(InjectedFault.CABLE_SLACK, "cable_3", harms_tension=True, rest=2.0),
     _injected(InjectedFault.DRIVE_PULLING, "motor_3 applies", **_DRUM_TURNS),
     FaultScenario(
         "platform_caught",
         _lift_what_is_caught,
         "tension above its limit",
-        onset=lambda loop: bool(loop.machine.plant.tensions().max() > loop.robot.tension_max),
+        onset=lambda loop: bool((loop.machine.plant.tensions() > loop.robot.tension_max).any()),
         moving=False,
         lasts=6.0,
         rest=2.0,

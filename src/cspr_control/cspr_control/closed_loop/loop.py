@@ -17,7 +17,15 @@ from cspr_control.reference.player import TrajectoryPlayer
 from cspr_control.reference.trajectory import Trajectory
 from cspr_control.supervision.supervisor import Decision, Supervisor
 from cspr_kinematics import Pose, Robot
-from cspr_msgs_py.topics import DIAGNOSTICS, PAYLOAD, ROSOUT, SIMULATED_PAYLOAD, Topic, motor_command
+from cspr_msgs_py.topics import (
+    DIAGNOSTICS,
+    PAYLOAD,
+    ROSOUT,
+    SIMULATED_PAYLOAD,
+    SUPERVISOR_ALIVE,
+    Topic,
+    motor_command,
+)
 from cspr_msgs_py.vocabulary import RobotState
 from cspr_msgs_py.wire.samples import InertiaSample, LogLine
 
@@ -84,15 +92,17 @@ class ClosedLoop(Generic[M]):
         self._speed = speed
         self.motors = {motor_command(k + 1).name: k for k in range(robot.number_of_cables)}
         machine.publish = self.publish
+        machine.faults.kill_supervisor = self._kill_supervisor
+        supervision = self.graph.components["supervisor"]
+        assert isinstance(supervision, SupervisionComponent)
+        self._supervision = supervision
 
     # The parts that scenarios look at
 
     @property
     def supervisor(self) -> Supervisor:
-        """The supervisor of the graph."""
-        component = self.graph.components["supervisor"]
-        assert isinstance(component, SupervisionComponent)
-        return component.supervisor
+        """The supervisor of the graph, or the one that was killed."""
+        return self._supervision.supervisor
 
     @property
     def trajectory(self) -> TrajectoryComponent:
@@ -127,7 +137,7 @@ class ClosedLoop(Generic[M]):
 
     def play(self, make: Callable[[Pose], Trajectory]) -> None:
         """Let the platform follow the trajectory that is made for the pose at which it rests."""
-        decision, outputs = self.trajectory.play(make)
+        decision, outputs = self.trajectory.play(self._now, make)
         if not decision.accepted:
             raise ClosedLoopError(decision.message)
         self._carry_out(outputs)
@@ -204,6 +214,11 @@ class ClosedLoop(Generic[M]):
                     sample = sample._replace(stamp_ns=self.time.system_ns())
                 for listen in self.listeners:
                     listen(topic, sample)
+                if topic is SUPERVISOR_ALIVE:
+                    self.time.at(
+                        self.time.monotonic() + self._latency,
+                        partial(self.machine.supervised, sample.stamp_ns),
+                    )
                 motor = self.motors.get(topic.name)
                 if motor is not None:
                     torque = sample.effort
@@ -219,7 +234,17 @@ class ClosedLoop(Generic[M]):
         if commands:
             self.time.at(self.time.monotonic() + self._latency, partial(self.machine.command, commands))
 
+    def _kill_supervisor(self) -> Callable[[], None]:
+        self.graph.end(self._supervision.name)
+        return self._restart_supervisor
+
+    def _restart_supervisor(self) -> None:
+        self._supervision = SupervisionComponent(self.robot, self.settings.supervision)
+        self._carry_out(self.graph.start(self._supervision, self._now))
+
     def _call(self, call: Call) -> None:
+        if call.component not in self.graph.components:
+            return  # it has ended meanwhile
         serve: Callable[[str], Any] = self.machine.call
         if call.service in self.graph.services:
             serve = self.order

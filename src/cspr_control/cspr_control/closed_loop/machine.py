@@ -7,7 +7,9 @@ from typing import Any, Protocol
 
 from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_control.supervision.supervisor import Decision
+from cspr_drivers.simulation.fault_injection import FaultInjector
 from cspr_drivers.simulation.plant.plant import Plant
+from cspr_drivers.simulation.simulation_config import Sling
 from cspr_kinematics import Payload
 from cspr_msgs_py.topics import Topic
 
@@ -25,8 +27,11 @@ class Machine(Protocol):
         The true machine.
     publish
         Called with each topic and sample that the driver publishes.
+    faults
+        Puts faults into it.
     """
 
+    faults: FaultInjector
     time: SimulatedTime
     plant: Plant
     publish: Publish
@@ -37,11 +42,16 @@ class Machine(Protocol):
     def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
         """Take commands: a motor from 0, the stamp of the motor states that it answers, ns, and a torque, N m."""
 
+    def supervised(self, stamp_ns: int) -> None:
+        """Take the supervisor's sign of life: the stamp of the newest motor states that it has checked, ns."""
+
     def call(self, service: str) -> Decision:
         """Answer a service of the driver."""
 
-    def change_payload(self, payload: Payload, stamp_ns: int) -> None:
-        """Let the platform carry another payload from a moment on, ns of ROS time."""
+    def change_payload(
+        self, payload: Payload, stamp_ns: int, duration: float = 0.0, sling: Sling | None = None
+    ) -> None:
+        """Let another payload come aboard from a moment on, ns of ROS time, within a duration, s, or on a sling."""
 
     def close(self) -> None:
         """End the driver."""

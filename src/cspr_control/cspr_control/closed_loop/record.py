@@ -13,8 +13,10 @@ from cspr_control.analysis.numbers.mass import MassMetrics, MassTrace, mass_metr
 from cspr_control.analysis.sample_memory import SampleMemory
 from cspr_control.closed_loop.loop import ClosedLoop, ClosedLoopError
 from cspr_control.closed_loop.scenario import Scenario
-from cspr_msgs_py.topics import MOTOR_STATES, SETPOINT, Topic
+from cspr_msgs_py.topics import MOTOR_STATES, REFERENCE, SETPOINT, TRUE_POSE, Topic
 from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.reference import ReferenceSample
+from cspr_msgs_py.wire.samples import PoseSample
 
 FloatArray = NDArray[np.float64]
 
@@ -31,6 +33,8 @@ class LoopRecord:
         (n,) s after the start.
     position_error, velocity_error
         (n, m) desired minus measured, rad and rad/s.
+    platform_error
+        (n, 3) desired minus true position of the platform, m.
     tensions, asked_tensions
         (n, m) true ones, and those behind the feed-forward torque, N.
     torque
@@ -49,6 +53,7 @@ class LoopRecord:
     time: FloatArray
     position_error: FloatArray
     velocity_error: FloatArray
+    platform_error: FloatArray
     tensions: FloatArray
     asked_tensions: FloatArray
     torque: FloatArray
@@ -93,6 +98,7 @@ class _Cycle(NamedTuple):
     stamp_ns: int
     position_error: FloatArray
     velocity_error: FloatArray
+    platform_error: FloatArray
     tensions: FloatArray
     asked_tensions: FloatArray
     torque: FloatArray
@@ -110,6 +116,8 @@ class LoopRecorder:
         self._estimator = components["mass_estimator"].estimator
         self._motors = loop.motors
         self._setpoint: JointStateSample | None = None
+        self._reference: ReferenceSample | None = None
+        self._true_pose: PoseSample | None = None
         self._cycles: list[_Cycle] = []
         loop.listeners.append(self._listen)
 
@@ -137,6 +145,10 @@ class LoopRecorder:
     def _listen(self, topic: Topic, sample: Any) -> None:
         if topic is SETPOINT:
             self._setpoint = sample
+        elif topic is REFERENCE:
+            self._reference = sample
+        elif topic is TRUE_POSE:
+            self._true_pose = sample
         elif topic is MOTOR_STATES:
             if self._setpoint is not None and self._loop.player.start_time:
                 self._keep(sample, self._setpoint)
@@ -150,6 +162,7 @@ class LoopRecorder:
                 states.stamp_ns,
                 setpoint.position - states.position,
                 setpoint.velocity - states.velocity,
+                self._platform_error(states.stamp_ns),
                 plant.tensions(),
                 self._feedforward.newest.tensions,
                 np.full(states.position.shape, np.nan),
@@ -157,3 +170,10 @@ class LoopRecorder:
                 plant.payload.mass,
             )
         )
+
+    def _platform_error(self, stamp_ns: int) -> FloatArray:
+        """Return where the platform should be less where it is (3,), m; NaN if one of both is of another moment."""
+        reference, true = self._reference, self._true_pose
+        if reference is None or true is None or not reference.stamp_ns == true.stamp_ns == stamp_ns:
+            return np.full(3, np.nan)
+        return reference.position - true.position

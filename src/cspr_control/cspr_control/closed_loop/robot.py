@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -30,7 +31,7 @@ from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.emulated_devices import EmulatedDevices
 from cspr_drivers.simulation.fault_injection import FaultInjector
 from cspr_drivers.simulation.plant.plant import Plant
-from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_drivers.simulation.simulation_config import SimulationConfig, Sling
 from cspr_kinematics import Payload
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
@@ -39,6 +40,7 @@ from cspr_msgs_py.topics import (
     LOAD_CELL_STATES,
     MOTOR_STATES,
     ROSOUT,
+    TRUE_POSE,
     Topic,
     cable_names,
 )
@@ -134,6 +136,11 @@ class SimulatedRobot:
             for command in commands:
                 self.drives.command(*command)
 
+    def supervised(self, stamp_ns: int) -> None:
+        """Give the driver the supervisor's sign of life."""
+        if self.driver_runs:
+            self.drives.supervised(stamp_ns)
+
     def call(self, service: str) -> Decision:
         """Answer a service of the driver."""
         if not self.driver_runs:
@@ -148,9 +155,11 @@ class SimulatedRobot:
         refusal = commands[service]()
         return Decision(refusal is None, refusal or "accepted")
 
-    def change_payload(self, payload: Payload, stamp_ns: int) -> None:
-        """Let the platform carry another payload from a moment on, ns of ROS time."""
-        self.machine.change_payload(payload, self.machine.from_system_time(stamp_ns * 1e-9))
+    def change_payload(
+        self, payload: Payload, stamp_ns: int, duration: float = 0.0, sling: Sling | None = None
+    ) -> None:
+        """Let another payload come aboard from a moment on, ns of ROS time, within a duration, s, or on a sling."""
+        self.machine.change_payload(payload, self.machine.from_system_time(stamp_ns * 1e-9), duration, sling)
 
     def close(self) -> None:
         """End the driver."""
@@ -185,6 +194,7 @@ class SimulatedRobot:
     def _make_driver(self) -> None:
         """Open the driver's ends of the buses, and make the two masters."""
         self.ports = CanPorts([line.open() for line in self._buses.values()])
+        self.ports.on_sync(self._emulated.announce_sync, threading.Lock())
         self.drives = DriveMaster(
             self.config,
             self.ports,
@@ -259,6 +269,9 @@ class SimulatedRobot:
     def _sync(self, network: object) -> None:
         """Let the devices of a network measure, and answer."""
         cells = self._emulated.measure(network, self.machine.now())
+        pose = self._emulated.true_pose(self.time.system_ns())
+        if pose is not None:
+            self.publish(TRUE_POSE, pose)
         moment = self.time.monotonic() + self._emulated.conversion_time
         self.time.at(moment, partial(self._answer, cells))
 

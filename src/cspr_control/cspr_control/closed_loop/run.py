@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
-
-import numpy as np
 
 from cspr_control.closed_loop.bag import recorded
 from cspr_control.closed_loop.bare_plant import BarePlant
@@ -27,7 +26,6 @@ from cspr_control.reference.catalogue import make_trajectory
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_drivers.bus.bus_load import require_fitting_cycle
-from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
 from cspr_drivers.simulation.fault_injection import FaultOrder
 from cspr_kinematics import Payload, Pose, Robot
@@ -47,7 +45,7 @@ def closed_loop(scenario: Scenario) -> ClosedLoop[Any]:
     time, simulation = SimulatedTime(), scenario.read_machine()
     machine: Machine
     if scenario.devices:
-        buses = CanConfig.from_yaml(scenario.config / scenario.buses)
+        buses = scenario.read_buses()
         require_fitting_cycle(buses, settings.control_rate)
         machine = SimulatedRobot(time, buses, simulation, scenario.config / "eds")
     else:
@@ -86,6 +84,7 @@ def run(
         recorder = LoopRecorder(loop)
         begin = loop.time.monotonic()
         with ExitStack() as opened:
+            opened.enter_context(_without_collector())
             opened.callback(loop.machine.close)
             faults = [(planned, loop.machine.faults.read(planned.fault)) for planned in scenario.faults]
             published = opened.enter_context(recorded(bag, scenario, loop)) if bag or keep else None
@@ -94,6 +93,18 @@ def run(
         raise ClosedLoopError(str(error)) from error
     record = recorder.record(scenario, loop.time.monotonic() - begin, process_time() - began)
     return replace(record, published=published if keep else None)
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Keep Python's cycle collector from walking again and again through all that a run has recorded."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def _operate(
@@ -165,7 +176,9 @@ def _start(
     for time, mass in scenario.loads():
         if time < lasts:
             stamp = player.start_time + round(time * 1e9)
-            loop.machine.change_payload(Payload(mass, np.zeros(3)), stamp)
+            loop.machine.change_payload(
+                Payload(mass, scenario.payload_center), stamp, scenario.growth, scenario.sling
+            )
     for planned, order in faults:
         if planned.time > lasts + SETTLING:
             raise ClosedLoopError(

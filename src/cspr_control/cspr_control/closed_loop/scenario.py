@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cspr_control.errors import ControlError
 from cspr_control.parameters.experiment import Experiment, require_undecided
-from cspr_drivers.simulation.fault_injection import InjectedFault
-from cspr_drivers.simulation.simulation_config import LARGEST_SEED, SimulationConfig
+from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.home_position import with_home
+from cspr_drivers.simulation.fault_injection import WITHOUT_DEVICES, InjectedFault
+from cspr_drivers.simulation.simulation_config import LARGEST_SEED, SimulationConfig, Sling
 from cspr_kinematics import Payload, Pulleys
 from cspr_msgs_py.bag.bag_file import Attachment
 from cspr_msgs_py.parameters.file import ParameterFile
@@ -22,6 +22,13 @@ _LATENCY_WITH_BUS = 0.0015  # s, with what frames take on the bus before and aft
 
 FAULTS = {fault.value: (fault.target.value, fault.meaning) for fault in InjectedFault}
 """What can go wrong with devices, by name: what has it, and what it is."""
+
+_SLING_STIFFNESS = 60e3  # N/m: a polyester sling for a few hundred kilograms
+
+
+def soft_sling(length: float, deflection: float) -> Sling:
+    """Return a polyester sling of a length, m, that is out of plumb towards x by an angle, rad, at the start."""
+    return Sling(length, _SLING_STIFFNESS, deflection=(deflection, 0.0))
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,12 @@ class Scenario(Experiment):
         Whether drivers, buses and devices are simulated, or the plant alone.
     seed
         Of the noise; that of simulation.yaml if None.
+    growth
+        How long what is added takes to come aboard, s: as when it is lifted off a table.
+    sling
+        On which all that is carried hangs from the platform's origin, if on any.
+    table_height
+        Of what it rests on when it comes down there, m, if not that of simulation.yaml.
     duration
         How long the trajectory is followed before it is stopped, s; to its end if None. Payloads that would be added
         later stay away.
@@ -54,6 +67,10 @@ class Scenario(Experiment):
         controller and trajectory.
     buses
         File of the configuration that describes buses and devices.
+    home_counts
+        Position value of all drives at the home pose, if not those that the file gives each.
+    payload_center
+        Centre of mass of whatever is carried, m in platform.
     true_pulleys, motor_inertia_factor, conversion_time
         Of the simulated machine: its pulleys and the time from SYNC to the answer of an amplifier, s, if they are not
         those of simulation.yaml, and a factor on the inertia of its motors.
@@ -70,9 +87,14 @@ class Scenario(Experiment):
     config: Path = Path("config")
     devices: bool = True
     seed: int | None = None
+    growth: float = 0.0
+    sling: Sling | None = None
+    table_height: float | None = None
     duration: float | None = None
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     buses: str = "can.yaml"
+    home_counts: int | None = None
+    payload_center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     true_pulleys: Pulleys | None = None
     motor_inertia_factor: float = 1.0
     conversion_time: float | None = None
@@ -83,8 +105,16 @@ class Scenario(Experiment):
     def __post_init__(self) -> None:
         if self.seed is not None and not 0 <= self.seed <= LARGEST_SEED:
             raise ControlError(f"the seed is {self.seed:.6g}; it must lie in [0, {LARGEST_SEED}]")
-        if self.faults and not self.devices:
-            raise ControlError("faults need devices that can have them: run the scenario with devices")
+        if self.sling is not None and self.growth > 0.0:
+            raise ControlError("a load on a sling comes aboard by being lifted, not by growth")
+        alone = {fault.value for fault in WITHOUT_DEVICES}
+        for planned in self.faults:
+            name = planned.fault.split(" ")[0]
+            if not self.devices and name in FAULTS and name not in alone:
+                raise ControlError(
+                    f"the fault {name} needs devices that can have it; the plant alone can have "
+                    f"{', '.join(sorted(alone))}"
+                )
         require_undecided(self.parameters)
 
     @property
@@ -116,10 +146,17 @@ class Scenario(Experiment):
             replace(file, data=control) if Path(file.name).name == "control.yaml" else file for file in files
         ]
 
+    def read_buses(self) -> CanConfig:
+        """Read can.yaml, with what is otherwise in this run."""
+        config = CanConfig.from_yaml(self.config / self.buses)
+        if self.home_counts is None:
+            return config
+        return with_home(config, [self.home_counts] * len(config.drives))
+
     def read_machine(self) -> SimulationConfig:
         """Read simulation.yaml, with what is otherwise in this run."""
         config = SimulationConfig.from_yaml(self.config / "simulation.yaml")
-        config = config.with_payload(Payload(self.payload, np.zeros(3)))
+        config = config.with_payload(Payload(self.payload, self.payload_center), sling=self.sling)
         motor = config.robot.motor
         motor = replace(motor, inertia=motor.inertia * self.motor_inertia_factor)
         robot = replace(config.robot, motor=motor).with_geometry(pulleys=self.true_pulleys)
@@ -127,4 +164,5 @@ class Scenario(Experiment):
         if self.conversion_time is not None:
             cells = replace(cells, conversion_time=self.conversion_time)
         seed = config.seed if self.seed is None else self.seed
-        return replace(config, robot=robot, load_cells=cells, seed=seed)
+        table = config.table_height if self.table_height is None else self.table_height
+        return replace(config, robot=robot, load_cells=cells, seed=seed, table_height=table)

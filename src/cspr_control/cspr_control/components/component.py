@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from cspr_control.supervision.supervisor import Decision
+from cspr_msgs_py.errors import failure_text
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
-from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.vocabulary import HealthKey, Level
 from cspr_msgs_py.wire.samples import Status, StatusArray
 
 Word = TypeVar("Word", bound=StrEnum)
@@ -87,6 +89,8 @@ class Component:
         self.outputs = (*outputs, DIAGNOSTICS)
         self.unusable = 0
         self.problem = ""
+        self._failure = ""  # not yet reported
+        self._failure_reported = -math.inf
 
     def handler(self, topic: Topic) -> Callable[[float, Any], Outputs]:
         """Return the method that takes the samples of a topic."""
@@ -126,8 +130,25 @@ class Component:
         """Process the answer to a call that it has returned; no answer counts as refused."""
         raise NotImplementedError(f"{self.name} calls no services")
 
+    def failed(self, now: float, error: Exception) -> Outputs:
+        """Return the word that something went wrong in it which must not: a defect. It goes on with what comes next.
+
+        The first time at once, then no more often than its report, however often it fails.
+        """
+        self._failure = failure_text(error)
+        if now - self._failure_reported < REPORT_PERIOD:
+            return NOTHING
+        return (Remark(self.name, Level.ERROR, f"failed: {self._failure}"), *self._report_failure(now))
+
+    def _report_failure(self, now: float) -> Outputs:
+        status = self._status(Level.ERROR, f"failed: {self._failure}", {HealthKey.FAILURE: self._failure})
+        self._failure, self._failure_reported = "", now
+        return (Publication(DIAGNOSTICS, StatusArray(0, (status,))),)
+
     def report(self, now: float) -> Outputs:
         """Return its health, for ``/diagnostics``; its sender stamps it."""
+        if self._failure:
+            return self._report_failure(now)
         return (Publication(DIAGNOSTICS, StatusArray(0, (self.status(now),))),)
 
     def status(self, now: float) -> Status:

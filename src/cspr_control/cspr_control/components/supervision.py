@@ -18,22 +18,31 @@ from cspr_control.components.component import (
     Timer,
 )
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_control.supervision.length_check import LengthCheck
 from cspr_control.supervision.supervisor import Action, Decision, Supervisor
+from cspr_kinematics import Robot
+from cspr_msgs_py.errors import failure_text
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
+    DIAGNOSTICS,
     DRIVE_STATES,
+    LOAD_CELL_CHECK,
     LOAD_CELL_STATES,
     MOTOR_STATES,
     PLATFORM_POSE,
     RECORDER_STATE,
+    REFERENCE,
     ROBOT_STATE,
     SETPOINT,
+    SUPERVISOR_ALIVE,
     TRAJECTORY_STATE,
     Topic,
+    graph_topics,
 )
-from cspr_msgs_py.vocabulary import FOLLOWING, DriverState, Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.vocabulary import FOLLOWING, DriverState, HealthKey, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
-from cspr_msgs_py.wire.samples import PoseSample, Status, StatusArray
+from cspr_msgs_py.wire.reference import ReferenceSample
+from cspr_msgs_py.wire.samples import PoseSample, SignOfLife, Status, StatusArray
 
 PERIOD = 0.02
 """Of the checks, s."""
@@ -47,6 +56,9 @@ SERVICES = {
 }
 """Which service does what the supervisor asks of others."""
 
+_NOT_NEEDED = ("*", "recorder", "robot_markers", "simulated_robot", "demo")
+"""Writers of topics without which the robot can do; the recorder has a word of its own."""
+
 _ACTIONS = {service: action for action, service in SERVICES.items()}
 
 
@@ -55,37 +67,45 @@ class SupervisionComponent(Component):
 
     Parameters
     ----------
-    count
-        Number m of motors and cables.
+    robot
+        The robot as the controller believes it to be.
     limits
         Limits beyond which the robot is stopped.
     """
 
     inputs: ClassVar[tuple[Topic, ...]] = (
         MOTOR_STATES,
+        REFERENCE,
         SETPOINT,
         CABLE_TENSIONS,
         PLATFORM_POSE,
         DRIVE_STATES,
         LOAD_CELL_STATES,
+        LOAD_CELL_CHECK,
         TRAJECTORY_STATE,
         RECORDER_STATE,
+        DIAGNOSTICS,
     )
     calls: ClassVar[tuple[str, ...]] = tuple(SERVICES.values())
 
-    def __init__(self, count: int, limits: SupervisionLimits) -> None:
-        super().__init__("supervisor", ROBOT_STATE)
-        self.supervisor = Supervisor(count, limits)
+    def __init__(self, robot: Robot, limits: SupervisionLimits) -> None:
+        super().__init__("supervisor", ROBOT_STATE, SUPERVISOR_ALIVE)
+        m = robot.number_of_cables
+        self.supervisor = Supervisor(m, limits)
+        self.lengths = LengthCheck(robot, limits)
+        self._watched = {topic.writer for topic in graph_topics(m)} - {self.name, *_NOT_NEEDED}
         self._recorder_problem = ""
         self._published_state: tuple[object, ...] = ()
 
     def begin(self) -> Outputs:
-        """Return the state in which the robot begins."""
-        return self._state_if_changed()
+        """Return the state in which the robot begins, and which check is absent."""
+        absent = self.lengths.absent
+        remarks = [Remark(self.name, Level.WARN, f"absent check: {absent}")] if absent else []
+        return [*remarks, *self._state_if_changed()]
 
     def timers(self) -> tuple[Timer, ...]:
         """Return the checks and the report."""
-        return (*super().timers(), Timer(PERIOD, self.update))
+        return (*super().timers(), Timer(PERIOD, self.watch))
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
         """Return ``enable``, ``stop`` and ``reset``."""
@@ -98,8 +118,15 @@ class SupervisionComponent(Component):
         return decision, [remark, *self.update(now)]
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
-        """Store the motor states for the next check."""
-        self.supervisor.checks.observe_motors(now, sample)
+        """Store the motor states for the next check; run the checks at once when the lengths no longer fit."""
+        checks = self.supervisor.checks
+        checks.observe_motors(now, sample)
+        begun = self.lengths.observe_motors(now, sample, checks.following_errors())
+        return self.update(now) if begun else NOTHING
+
+    def on_reference(self, now: float, sample: ReferenceSample) -> Outputs:
+        """Note that there is a reference."""
+        self.supervisor.checks.observe_arrival(MonitoredInput.REFERENCE, now)
         return NOTHING
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
@@ -108,13 +135,13 @@ class SupervisionComponent(Component):
         return NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
-        """Store the tensions for the next check."""
+        """Store the tensions for the next check; run the checks at once when the lengths no longer fit."""
         self.supervisor.checks.observe_tensions(now, sample.effort)
-        return NOTHING
+        return self.update(now) if self.lengths.observe_tensions(now, sample) else NOTHING
 
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
         """Store where the platform is."""
-        self.supervisor.checks.observe_pose(now, sample.position)
+        self.supervisor.checks.observe_pose(now, sample.position, sample.quaternion_xyzw)
         return NOTHING
 
     def on_drive_states(self, now: float, sample: StatusArray) -> Outputs:
@@ -129,6 +156,16 @@ class SupervisionComponent(Component):
         self.supervisor.observe_drives(now, drives, status.values.get("cause", ""))
         return self.update(now)
 
+    def on_diagnostics(self, now: float, sample: StatusArray) -> Outputs:
+        """Note which nodes of the graph are alive, and what has gone wrong in them; then run the checks at once."""
+        failed = False
+        for status in sample.statuses:
+            if status.name in self._watched:
+                failure = status.values.get(HealthKey.FAILURE, "")
+                self.supervisor.checks.observe_node(now, status.name, failure)
+                failed = failed or bool(failure)
+        return self.update(now) if failed else NOTHING
+
     def on_load_cell_states(self, now: float, sample: StatusArray) -> Outputs:
         """Store what the driver of the load cells finds, and run the checks at once."""
         status = sample.find("load_cells")
@@ -136,6 +173,11 @@ class SupervisionComponent(Component):
             self.refuse(LOAD_CELL_STATES, f"{LOAD_CELL_STATES.name} carries no status named load_cells")
             return NOTHING
         self.supervisor.load_cell_problem = status.values.get("cause", "")
+        return self.update(now)
+
+    def on_load_cell_check(self, now: float, sample: Status) -> Outputs:
+        """Store which load cell the balance of the platform contradicts, and run the checks at once."""
+        self.supervisor.load_cell_doubt = sample.values.get("cause", "")
         return self.update(now)
 
     def on_trajectory_state(self, now: float, sample: Status) -> Outputs:
@@ -164,10 +206,22 @@ class SupervisionComponent(Component):
         """Run the checks; return the calls of other nodes' services, and the robot's state if it has changed."""
         supervisor = self.supervisor
         before = supervisor.state
+        supervisor.length_problem = self.lengths.problem(supervisor.checks.following_errors())
         outputs: list[Output] = [Call(self.name, SERVICES[action]) for action in supervisor.update(now)]
         if supervisor.state is not before and supervisor.fault is not None:
             outputs.append(Remark(self.name, Level.ERROR, f"stopped by {supervisor.fault}"))
         return [*outputs, *self._state_if_changed()]
+
+    def failed(self, now: float, error: Exception) -> Outputs:
+        """Stop the drives: nobody watches the robot while its supervisor fails."""
+        self.supervisor.fail(now, f"{self.name}: {failure_text(error)}")
+        calls = [Call(self.name, SERVICES[action]) for action in self.supervisor.take_actions()]
+        return [*calls, *self._state_if_changed(), *super().failed(now, error)]
+
+    def watch(self, now: float) -> Outputs:
+        """Run the checks, and say that they have been run."""
+        outputs = self.update(now)
+        return [*outputs, Publication(SUPERVISOR_ALIVE, SignOfLife(self.supervisor.checks.stamp_ns))]
 
     def make_safe(self) -> Outputs:
         """Return what closes the brakes of a robot that is enabled: with the supervisor goes what watches it."""
@@ -186,7 +240,7 @@ class SupervisionComponent(Component):
         return (Publication(ROBOT_STATE, self._status(level, supervisor.state.value, values)),)
 
     def status(self, now: float) -> Status:
-        """Return the state, what is wrong, and how old the inputs are."""
+        """Return the state, what is wrong, how old the inputs are, and how well the lengths of the cables fit."""
         supervisor = self.supervisor
         level, text = Level.OK, supervisor.state.value
         if supervisor.fault is not None:
@@ -197,5 +251,5 @@ class SupervisionComponent(Component):
         values: dict[str, Any] = {
             f"age_{source.name.lower()}": f"{age:.3f}" for source, age in ages.items() if math.isfinite(age)
         }
-        values |= {"unusable_messages": self.unusable, "last_problem": self.problem}
+        values |= self.lengths.values() | {"unusable_messages": self.unusable, "last_problem": self.problem}
         return self._status(level, text, values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
@@ -14,10 +15,11 @@ from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import KinematicsError, Motion, Pose, Robot
 from cspr_msgs_py import topics
 from cspr_msgs_py.topics import Topic
-from cspr_msgs_py.vocabulary import FOLLOWING, Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.vocabulary import FOLLOWING, UNDER_WAY, Level, RobotState, TrajectoryPhase
+from cspr_msgs_py.wire.cdr import LATEST_TIME
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
-from cspr_msgs_py.wire.samples import PoseSample, Status
+from cspr_msgs_py.wire.samples import PoseSample, SignOfLife, Status
 
 
 class TrajectoryComponent(Component):
@@ -31,12 +33,18 @@ class TrajectoryComponent(Component):
     robot
         Gives the centre of the paper's trajectories and the workspace.
     settings
-        See `TrajectorySettings`; of those replaced with `configure`, dwell, stop_time and max_gap are not used.
+        See `TrajectorySettings`; of those replaced with `configure`, dwell, stop_time, max_gap and
+        supervision_timeout are not used.
     period
         Of the control cycle, s.
     """
 
-    inputs: ClassVar[tuple[Topic, ...]] = (topics.MOTOR_STATES, topics.PLATFORM_POSE, topics.ROBOT_STATE)
+    inputs: ClassVar[tuple[Topic, ...]] = (
+        topics.MOTOR_STATES,
+        topics.PLATFORM_POSE,
+        topics.ROBOT_STATE,
+        topics.SUPERVISOR_ALIVE,
+    )
 
     def __init__(self, robot: Robot, settings: TrajectorySettings, period: float) -> None:
         super().__init__("trajectory_publisher", topics.REFERENCE, topics.TRAJECTORY_STATE)
@@ -45,6 +53,8 @@ class TrajectoryComponent(Component):
         self._settings = settings
         self._period = round(period * SECOND)
         self._robot_state: RobotState | None = None
+        self._supervised = -math.inf  # when the supervisor last showed that it lives, s
+        self._supervision_timeout = settings.supervision_timeout
         self._references = 0
         self._published_state: tuple[object, ...] = ()
 
@@ -64,15 +74,17 @@ class TrajectoryComponent(Component):
     def start(self, now: float) -> tuple[Decision, Outputs]:
         """Begin the trajectory of the settings; refused while the robot is not enabled."""
         settings = self._settings
-        return self.play(lambda present: make_trajectory(settings.name, self._robot, present, settings))
+        return self.play(now, lambda present: make_trajectory(settings.name, self._robot, present, settings))
 
-    def play(self, make: Callable[[Pose], Trajectory]) -> tuple[Decision, Outputs]:
+    def play(self, now: float, make: Callable[[Pose], Trajectory]) -> tuple[Decision, Outputs]:
         """Begin the trajectory that is made for the pose at which the reference rests; refused as `start` is."""
         player = self.player
         try:
             if self._robot_state is not RobotState.ENABLED:
                 state = self._robot_state.value if self._robot_state else "unknown"
                 raise TrajectoryError(f"the robot is in state {state}; enable it first")
+            if problem := self._unsupervised(now):
+                raise TrajectoryError(problem)
             if player.held_pose is None:
                 raise TrajectoryError("no pose of the platform is known yet")
             player.start(make(player.held_pose))
@@ -86,6 +98,17 @@ class TrajectoryComponent(Component):
         self.player.stop()
         state = self._state_if_changed()
         return Decision(True, f"the trajectory is in phase {self.player.phase.value}"), state
+
+    def on_supervisor_alive(self, now: float, sample: SignOfLife) -> Outputs:
+        """Note that the supervisor lives."""
+        self._supervised = now
+        return NOTHING
+
+    def _unsupervised(self, now: float) -> str:
+        """Return why nothing may move without a supervisor; empty while there is one."""
+        if now - self._supervised <= self._supervision_timeout:
+            return ""
+        return f"no sign of life of the supervisor within {self._supervision_timeout:g} s; is it running?"
 
     def on_robot_state(self, now: float, sample: Status) -> Outputs:
         """Stop when the motors no longer follow."""
@@ -106,7 +129,12 @@ class TrajectoryComponent(Component):
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
         """Return the reference for one period after the state; the state of the player when it has changed."""
         stamp = sample.stamp_ns + self._period
+        if stamp > LATEST_TIME:
+            self.refuse(topics.MOTOR_STATES, f"{topics.MOTOR_STATES.name} is stamped at the end of all times")
+            return NOTHING
         outputs: list[Any] = []
+        if self.player.phase in UNDER_WAY and (problem := self._unsupervised(now)):
+            self.player.stop(problem)
         reference = self.player.sample(stamp)
         if reference is not None:
             self._references += 1
@@ -114,7 +142,7 @@ class TrajectoryComponent(Component):
         if state := self._state_if_changed():
             outputs += state
             if self.player.interruption:
-                given_up = f"{self.player.trajectory_name} was given up, the platform holds its pose"
+                given_up = f"{self.player.trajectory_name} was given up"
                 outputs.append(Remark(self.name, Level.WARN, f"{given_up}: {self.player.interruption}"))
         return outputs
 

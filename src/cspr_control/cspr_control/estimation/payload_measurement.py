@@ -1,4 +1,4 @@
-"""One measurement of the payload from the cable tensions (eqs. 16 and 17)."""
+"""One measurement of the payload from what the cables pull at rest (eqs. 16 and 17)."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_kinematics import GRAVITY, Pose, Robot, inverse_kinematics
+from cspr_kinematics import GRAVITY, Robot
 
 _g = -float(GRAVITY[2])  # m/s^2
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadMeasurement:
-    """What the tensions of one instant say about what hangs from the cables.
+    """What the cables' pull at one instant says about what hangs from them.
 
     Attributes
     ----------
-    wrench
-        ``A t`` (6,) of the cables on the platform about its origin, in base, N and N m.
     total_mass
         Of platform and payload, kg.
     total_moment
@@ -28,7 +26,6 @@ class PayloadMeasurement:
         The same of the payload alone. The mass can be negative by measurement errors.
     """
 
-    wrench: NDArray[np.float64]
     total_mass: float
     total_moment: NDArray[np.float64]
     mass: float
@@ -36,7 +33,7 @@ class PayloadMeasurement:
 
 
 def measure_payload(
-    robot: Robot, pose: Pose, tensions: NDArray[np.float64], payload_height: float = 0.0
+    robot: Robot, rotation: NDArray[np.float64], wrench: NDArray[np.float64], payload_height: float = 0.0
 ) -> PayloadMeasurement:
     """Solve the static balance for the masses.
 
@@ -49,21 +46,20 @@ def measure_payload(
     ----------
     robot
         The robot as the controller believes it to be.
-    pose
-        Where the platform is.
-    tensions
-        Measured, (m,), N.
+    rotation
+        Of the platform, (3, 3).
+    wrench
+        ``A t`` (6,) of the cables on the platform about its origin, in base, N and N m.
     payload_height
         Assumed z of the payload's centre of mass in platform, m.
     """
-    wrench = inverse_kinematics(robot, pose).wrench_matrix @ tensions
     platform = robot.platform
     total_mass = float(wrench[2]) / _g
     mass = total_mass - platform.mass
     vertical_moment = platform.mass * platform.center_of_mass[2] + mass * payload_height
-    Q = pose.rotation
+    Q = rotation
     moment_in_base = np.array([-wrench[4], wrench[3]]) / _g
     total_moment = np.linalg.solve(Q[:2, :2], moment_in_base - Q[:2, 2] * vertical_moment)
     return PayloadMeasurement(
-        wrench, total_mass, total_moment, mass, total_moment - platform.mass * platform.center_of_mass[:2]
+        total_mass, total_moment, mass, total_moment - platform.mass * platform.center_of_mass[:2]
     )

@@ -104,7 +104,7 @@ def platform_shape(
 
 
 def cable_shape(robot: Robot, pose: Pose, tensions: ArrayLike | None) -> Shape:
-    """Return the cables at a pose, coloured by tension from ``tension_min`` to ``tension_max`` of the robot.
+    """Return the cables at a pose, each coloured by its tension from ``tension_min`` to ``tension_max``.
 
     A cable runs from its anchor point to where it leaves its pulley, and from there to its exit point.
 

@@ -16,7 +16,7 @@ UNKNOWN: Final = (0.6, 0.6, 0.6)
 _RGB = np.array([[int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)] for colour in TENSION_COLOURS])
 
 
-def tension_colours(tensions: ArrayLike, lowest: float, highest: float) -> NDArray[np.float64]:
+def tension_colours(tensions: ArrayLike, lowest: ArrayLike, highest: ArrayLike) -> NDArray[np.float64]:
     """Return the colours of tensions.
 
     Parameters
@@ -24,7 +24,8 @@ def tension_colours(tensions: ArrayLike, lowest: float, highest: float) -> NDArr
     tensions
         (m,), N; NaN where it is not known.
     lowest, highest
-        Tensions at the two ends of the scale, N; what lies beyond has the colour of the end.
+        Tensions at the two ends of the scale, of all cables or of each (m,), N; what lies beyond has the colour of
+        the end.
 
     Returns
     -------
@@ -32,7 +33,8 @@ def tension_colours(tensions: ArrayLike, lowest: float, highest: float) -> NDArr
     """
     tensions = np.asarray(tensions, dtype=float)
     known = np.isfinite(tensions)
-    share = np.clip((np.where(known, tensions, lowest) - lowest) / (highest - lowest), 0.0, 1.0)
+    low, high = np.asarray(lowest, dtype=float), np.asarray(highest, dtype=float)
+    share = np.clip((np.where(known, tensions, low) - low) / (high - low), 0.0, 1.0)
     places = np.linspace(0.0, 1.0, len(_RGB))
     colours = np.stack([np.interp(share, places, _RGB[:, channel]) for channel in range(3)], axis=-1)
     return np.where(known[:, None], colours, UNKNOWN)

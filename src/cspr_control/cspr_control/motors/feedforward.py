@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspr_control.errors import PayloadError
+from cspr_control.motors.stretch import SmoothedStretch
+from cspr_control.motors.swing_damping import SwingSettings
 from cspr_kinematics import (
     InvalidInputError,
     Method,
@@ -20,6 +22,7 @@ from cspr_kinematics import (
     TensionBlend,
     available_wrenches,
     inverse_kinematics,
+    length_accelerations,
     required_wrench,
     static_wrench,
 )
@@ -27,6 +30,7 @@ from cspr_msgs_py.parameters.table import defaults, node_parameters
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStatus
 
 _DEFAULT = defaults("feedforward")
+_NANOSECOND = 1e-9  # s
 _LARGEST_OFFSET = node_parameters("feedforward")["nominal_payload_center"].maximum or math.inf
 """Largest coordinate of a payload's centre of mass, m: beyond it the unit was mistaken, whatever the robot."""
 
@@ -41,15 +45,21 @@ class FeedforwardSettings:
         Payload assumed without an estimate.
     tension_method
         See `cspr_kinematics.distribute_tensions`; one of `cspr_kinematics.bounded_methods`.
+    swing
+        See `cspr_control.motors.swing_damping`.
     """
 
     model: FeedforwardModel = field(default=FeedforwardModel(_DEFAULT["model"]))
+    stretch_compensation: bool = _DEFAULT["stretch_compensation"]
+    stretch_slew: float = _DEFAULT["stretch_slew"]
+    winch_inertia: bool = _DEFAULT["winch_inertia"]
     payload_source: PayloadSource = field(default=PayloadSource(_DEFAULT["payload_source"]))
     nominal_payload: Payload = field(default_factory=Payload.none)
     max_payload: float = _DEFAULT["max_payload"]
     payload_timeout: float = _DEFAULT["payload_timeout"]
     switch_slew: float = _DEFAULT["switch_slew"]
     tension_method: Method = _DEFAULT["tension_method"]
+    swing: SwingSettings = field(default_factory=lambda: SwingSettings.of(_DEFAULT))
 
 
 def checked_payload(what: str, mass: float, center_of_mass: ArrayLike, max_payload: float) -> Payload:
@@ -94,7 +104,8 @@ class Setpoint(NamedTuple):
     angle, speed
         Motor angles (m,), rad, and speeds (m,), rad/s.
     torque
-        Feed-forward torque (m,), N m, the bridging of a switch included.
+        Feed-forward torque (m,), N m: what holds the tensions, what accelerates the winches, and the bridging of a
+        switch.
     tensions
         Cable tensions (m,) behind the torque, N; zero without a model.
     wrench_matrix, wrench
@@ -162,6 +173,11 @@ class Feedforward:
         The robot as the controller assumes it to be.
     settings
         Everything that may change while the robot moves.
+
+    Attributes
+    ----------
+    following
+        Whether the motors follow the set-points: until they do, these allow for the stretch as it is; see `rest_at`.
     """
 
     def __init__(self, robot: Robot, settings: FeedforwardSettings) -> None:
@@ -173,6 +189,9 @@ class Feedforward:
         self._estimate: Payload | None = None
         self._estimate_time = -math.inf
         self._status: PayloadStatus | None = None  # of the newest set-point
+        self.following = True
+        self._stretch = SmoothedStretch(robot)
+        self._stamp: int | None = None  # of the newest set-point
         self._bridge_pending = False
         self._offset = np.zeros(robot.number_of_cables)
         self._torque: NDArray[np.float64] | None = None  # of the newest set-point
@@ -225,7 +244,14 @@ class Feedforward:
         stale = time - self._estimate_time > self._settings.payload_timeout
         return self._estimate, PayloadStatus.HELD if stale else PayloadStatus.ESTIMATED
 
-    def compute(self, time: float, reference: Motion) -> Setpoint:
+    def rest_at(self, tensions: NDArray[np.float64]) -> None:
+        """Let set-points allow for the stretch under measured tensions (m,), N.
+
+        They are then where the motors are. From there they go to the stretch under the model's tensions.
+        """
+        self._stretch.rest_at(tensions)
+
+    def compute(self, time: float, reference: Motion, stamp: int | None = None) -> Setpoint:
         """Set-point of all motors for one reference; the numbers are the paper's equations, as in docs/model.md.
 
         Parameters
@@ -234,6 +260,8 @@ class Feedforward:
             Monotonic time, s, not before the last call's.
         reference
             A single point, not a batch.
+        stamp
+            ROS time for which it is, ns, by which the stretch goes on; that of the call if it is not known.
         """
         robot, winch, model = self._robot, self._robot.winch, self._settings.model
         pose, twist, acceleration = reference
@@ -252,12 +280,24 @@ class Feedforward:
             limits = robot.tension_min, robot.tension_max
             found = self._blend.distribute(cables.wrench_matrix, wrench, *limits, since)  # (15)
             tensions, feasible, residual = found.tensions, bool(found.feasible), float(found.residual)
-        torque = self._bridged(winch.motor_torque(tensions), status, since)  # (6)
+        elapsed = self._elapsed(time, stamp)
+        modelled = self._settings.stretch_compensation and model is not FeedforwardModel.NONE
+        if not (modelled and self.following):
+            self._stretch.keep()
+        else:
+            self._stretch.follow(tensions, elapsed, self._settings.stretch_slew)
+        motors = self._stretch.motors(cables.lengths, length_rates)
+        torque = winch.motor_torque(tensions)  # (6)
+        if model is FeedforwardModel.DYNAMIC and self._settings.winch_inertia:
+            accelerations = length_accelerations(robot, pose, twist, acceleration)  # derivative of (5)
+            turning = winch.motor_acceleration(accelerations) + motors.stretch_acceleration
+            torque = torque + robot.motor.inertia * turning  # not in the paper
+        torque = self._bridged(torque, status, since)
         self._torque, self._time, self._status = torque, time, status
 
         return Setpoint(
-            winch.motor_angle(cables.lengths),  # (6)
-            winch.motor_speed(length_rates),  # (6)
+            motors.angle,  # (6), with stretch
+            motors.speed,
             torque,
             tensions,
             cables.wrench_matrix,
@@ -267,6 +307,13 @@ class Feedforward:
             payload,
             status,
         )
+
+    def _elapsed(self, time: float, stamp: int | None) -> float:
+        """Return the time from the last set-point to this one, s."""
+        now = round(time / _NANOSECOND) if stamp is None else stamp
+        since = 0 if self._stamp is None else max(now - self._stamp, 0)
+        self._stamp = now
+        return since * _NANOSECOND
 
     def _bridged(
         self, torque: NDArray[np.float64], status: PayloadStatus, since: float
@@ -287,4 +334,5 @@ class Feedforward:
 def _load_model(settings: FeedforwardSettings) -> tuple[object, ...]:
     """Return what the torque follows from, besides the tension method."""
     payload = settings.nominal_payload
-    return settings.model, settings.payload_source, payload.mass, *payload.center_of_mass.tolist()
+    winches = settings.winch_inertia and settings.model is FeedforwardModel.DYNAMIC
+    return settings.model, winches, settings.payload_source, payload.mass, *payload.center_of_mass.tolist()

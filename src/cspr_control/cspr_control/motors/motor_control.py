@@ -21,6 +21,7 @@ class MotorGains:
 
     kp: float
     kd: float
+    speed_delay: float
     friction_compensation: float
     friction_smoothing_speed: float
 
@@ -62,8 +63,10 @@ class MotorController:
     """PD control, feed-forward torque and friction compensation of one motor.
 
     ``tau = Kp (q_d - q) + Kd (qdot_d - qdot) + tau_ff + F_s tanh(qdot_d / v_s) + F_v qdot_d``, limited to the
-    motor's torque. Friction is compensated at the *desired* speed: it carries no measurement noise, and tanh
-    instead of the sign makes it continuous, so that the torque does not chatter around standstill.
+    motor's torque. A measured speed is an old one, ``speed_delay`` of the gains: as a difference of positions, that of
+    half a period ago. It is compared with the desired speed of then, or a motor that accelerates would be pushed ahead.
+    Friction is compensated at the *desired* speed: it carries no measurement noise, and tanh instead of the sign makes
+    it continuous, so that the torque does not chatter around standstill.
 
     Parameters
     ----------
@@ -93,12 +96,13 @@ class MotorController:
         self._timeout = setpoint_timeout
         self._received = -math.inf
         self._stamp = 0
-        self._angle = self._speed = self._torque = 0.0
+        self._angle = self._speed = self._acceleration = self._torque = 0.0
+        self._largest_acceleration = motor.torque_limit / motor.inertia
         self.set_gains(gains)
 
     def set_gains(self, gains: MotorGains) -> None:
         """Use other gains from the next command on."""
-        self._kp, self._kd = gains.kp, gains.kd
+        self._kp, self._kd, self._speed_delay = gains.kp, gains.kd, gains.speed_delay
         self._coulomb = gains.friction_compensation * self.motor.coulomb_friction
         self._viscous = gains.friction_compensation * self.motor.viscous_friction
         self._smoothing = gains.friction_smoothing_speed
@@ -115,6 +119,12 @@ class MotorController:
         angle, speed, torque
             rad, rad/s and N m. Whether they are finite is checked when they are used.
         """
+        elapsed = (stamp - self._stamp) * _NANOSECOND
+        if elapsed > 0.0:
+            acceleration = (speed - self._speed) / elapsed
+            # beyond what the motor can do it is no acceleration but a jump, or not a number
+            possible = abs(acceleration) <= self._largest_acceleration
+            self._acceleration = acceleration if possible else 0.0
         self._received = received
         self._stamp = stamp
         self._angle = angle
@@ -141,7 +151,7 @@ class MotorController:
         desired_speed = self._speed
         torque = (
             self._kp * (self._angle + desired_speed * ahead - angle)
-            + self._kd * (desired_speed - speed)
+            + self._kd * (desired_speed - self._acceleration * self._speed_delay - speed)
             + self._torque
             + self._coulomb * math.tanh(desired_speed / self._smoothing)
             + self._viscous * desired_speed

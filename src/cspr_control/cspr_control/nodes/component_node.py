@@ -19,7 +19,7 @@ from cspr_control.graph import ControlGraph, Route
 from cspr_control.nodes.parameters import Settings, changeable_settings, declare_robot
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import Robot
-from cspr_msgs_py.errors import MessageError, NodeError
+from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer, subscribe_raw
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 from cspr_msgs_py.vocabulary import Level
@@ -95,6 +95,8 @@ class Wiring:
         request: Trigger.Request,
         response: Trigger.Response,
     ) -> Trigger.Response:
+        response.message = f"{name} has failed; its log says where"
+
         def decide() -> Outputs:
             decision, outputs = command(self._monotonic())
             response.success, response.message = decision.accepted, decision.message
@@ -104,11 +106,15 @@ class Wiring:
         return response
 
     def _run(self, name: str, step: Callable[..., Outputs], *arguments: Any) -> None:
-        """Send what a step of a component returns; what goes wrong meanwhile is an error of its node."""
+        """Send what a step of a component returns; what goes wrong meanwhile is a failure of the component."""
         try:
             self._send(step(*arguments))
         except Exception as error:
-            raise NodeError(name) from error
+            self.failed(name, error)
+
+    def failed(self, name: str, error: Exception) -> None:
+        """Let a component say what went wrong in it, or in its node."""
+        self._send(self.graph.components[name].failed(self._monotonic(), error))
 
     def _send(self, outputs: Outputs) -> None:
         unheard: list[Call] = []
@@ -138,7 +144,10 @@ class Wiring:
             logger.error(remark.text)
 
     def _on_answer(self, call: Call, future: Future) -> None:
-        answer = future.result()
+        try:
+            answer = future.result()
+        except Exception as error:  # the service ended meanwhile
+            answer = Trigger.Response(message=str(error))
         self._answer(call, answer.success, answer.message)
 
     def _answer(self, call: Call, accepted: bool, message: str) -> None:
@@ -198,6 +207,10 @@ class ComponentNode(Node):
         """Take up work with a component."""
         self.component = component
         self.wiring.add(self, component, self.robot.number_of_cables)
+
+    def failed(self, error: Exception) -> None:
+        """Say what went wrong in a callback of the node."""
+        self.wiring.failed(self.component.name, error)
 
     def make_safe(self) -> None:
         """Do what is left to be done before the node ends."""

@@ -45,7 +45,7 @@ class FeedforwardNode(ComponentNode):
 
 
 class PoseEstimatorNode(ComponentNode):
-    """pose_estimator: forward kinematics of the motor angles."""
+    """pose_estimator: forward kinematics of motor angles and cable tensions."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("pose_estimator", **options)
@@ -69,8 +69,9 @@ class SupervisorNode(ComponentNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("supervisor", **options)
-        limits = supervision_limits(self.robot, declare_all(self))
-        self.connect(SupervisionComponent(self.robot.number_of_cables, limits))
+        warm_up(self.robot)  # compiling takes long, and must not fall into a control cycle
+        values = declare_all(self, length_misfit=self.robot.length_deviation)
+        self.connect(SupervisionComponent(self.robot, supervision_limits(self.robot, values)))
 
 
 NODES: dict[type[Component], Any] = {

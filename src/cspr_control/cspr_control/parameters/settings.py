@@ -12,17 +12,23 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from cspr_control.errors import SettingError, TrajectoryError
+from cspr_control.estimation.cell_monitor import CellMonitorSettings
+from cspr_control.estimation.motion_filter import MotionSettings
 from cspr_control.estimation.payload import EstimatorSettings
+from cspr_control.estimation.static_filter import StaticSettings
 from cspr_control.motors.feedforward import FeedforwardSettings, checked_payload
 from cspr_control.motors.motor_control import MotorGains
+from cspr_control.motors.swing_damping import SwingSettings
 from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_kinematics import Pose, Robot, bounded_methods
 from cspr_msgs_py.parameters.table import ALL_NODES, ParameterValues
-from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadMethod, PayloadSource, TrajectoryName
 
 Settings = TypeVar("Settings")
+
+_OF_STATIC = ("time_constant", "max_speed", "max_angular_speed", "max_sideways_ratio")
 
 
 def require_same(name: str, values: Mapping[str, Any]) -> None:
@@ -57,7 +63,14 @@ def motor_gains(robot: Robot, values: Mapping[str, Any]) -> MotorGains:
 
 def estimator_settings(values: Mapping[str, Any]) -> EstimatorSettings:
     """Return the settings of the payload estimator; raises SettingError."""
-    return _of(EstimatorSettings, values)
+    own = {name: values[f"static.{name}"] for name in _OF_STATIC}
+    converted = {
+        "method": PayloadMethod(values["method"]),
+        "motion": _of(MotionSettings, values),
+        "static": _of(StaticSettings, values, own),
+        "cells": _of(CellMonitorSettings, values),
+    }
+    return _of(EstimatorSettings, values, converted)
 
 
 def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> FeedforwardSettings:
@@ -72,6 +85,7 @@ def feedforward_settings(number_of_cables: int, values: Mapping[str, Any]) -> Fe
         "model": FeedforwardModel(values["model"]),
         "payload_source": PayloadSource(values["payload_source"]),
         "nominal_payload": checked_payload("nominal payload", mass, center, values["max_payload"]),
+        "swing": SwingSettings.of(values),
     }
     return _of(FeedforwardSettings, values, converted)
 
@@ -103,14 +117,17 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
     """Return the limits of the supervisor of a robot; raises SettingError."""
     of_robot = {
         "max_ages": {source: values[f"max_age.{source.name.lower()}"] for source in MonitoredInput},
-        "tension_min": robot.tension_min,
-        "tension_max": robot.tension_max,
+        "length_misfit": robot.length_deviation,
+        "tension_min": tuple(robot.tension_min.tolist()),
+        "tension_max": tuple(robot.tension_max.tolist()),
         "motor_speed": robot.motor.speed_limit,
         "workspace_min": tuple(robot.workspace_min.tolist()),
         "workspace_max": tuple(robot.workspace_max.tolist()),
         "transmission_ratio": robot.winch.transmission_ratio,
+        "motor_inertia": robot.motor.inertia,
     }
-    return _of(SupervisionLimits, values, of_robot)
+    given = {name: values[name] for name in of_robot if name in values}
+    return _of(SupervisionLimits, values, of_robot | given)
 
 
 def _of(

@@ -29,7 +29,7 @@ def parameter(nodes: Sequence[str] = ()) -> Callable[[str], tuple[str, str, Any]
         node, _, parameter = name.partition(".")
         if not separator or not parameter:
             raise argparse.ArgumentTypeError(
-                f"{text!r} is not of the form NODE.NAME=VALUE, such as mass_estimator.time_constant=0.2"
+                f"{text!r} is not of the form NODE.NAME=VALUE, such as mass_estimator.time_constant=0.05"
             )
         try:
             if nodes and node not in nodes:

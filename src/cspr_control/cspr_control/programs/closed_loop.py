@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ from cspr_control.analysis.recording import recording_of
 from cspr_control.analysis.run_analysis import analyse_recording
 from cspr_control.closed_loop.record import LoopRecord
 from cspr_control.closed_loop.run import run
-from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario
+from cspr_control.closed_loop.scenario import FAULTS, PlannedFault, Scenario, soft_sling
 from cspr_control.errors import ControlError
 from cspr_control.programs.arguments import (
     add_experiment_arguments,
@@ -49,6 +50,11 @@ examples:
 --json FILE holds what summary.json of the demo holds, null for what was not measured:
   controller, exact_mass, trajectory, bag, cause               what was run, where it is recorded, what stopped it
   window                                                       what the numbers cover, s
+  platform_judged_by                                           what the platform's numbers go by: its true pose
+  rms_platform_error_mm, max_platform_error_mm                 distance of the platform from the reference
+  mean_platform_error_z_mm                                     the same along z, negative where it is too low
+  rms_platform_rotation_error_deg, max_platform_rotation_error_deg
+  rms_platform_estimate_error_mm, max_platform_estimate_error_mm   distance of the estimated from the true pose
   rms_position_error_deg, max_position_error_deg               of each motor
   mean_rms_position_error_deg                                  of all
   mass_true_final_kg, mass_estimate_final_kg, mass_settling_time_s
@@ -112,6 +118,22 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         help="happens S seconds after the start of the trajectory; several; see below",
     )  # fmt: skip
     add(
+        "--growth", type=number("a time in s, 0 or more", 0.0), default=0.0, metavar="S",
+        help="how long what --add-payload adds takes to come aboard, as when lifted off a table; default: no time",
+    )  # fmt: skip
+    add(
+        "--sling", type=number("a length in m, more than 0", 1e-3), metavar="M",
+        help="hang what is carried on a sling of this length and 60 kN/m from the origin of the platform",
+    )  # fmt: skip
+    add(
+        "--swing", type=number("an angle in degrees from -60 to 60", -60.0, 60.0), default=0.0, metavar="DEG",
+        help="by which the sling is out of plumb at the start, towards x; default: none",
+    )  # fmt: skip
+    add(
+        "--table", type=number("a height in m", -math.inf), metavar="M",
+        help="height of what a load on a sling rests on; default: that of simulation.yaml",
+    )  # fmt: skip
+    add(
         "--duration", type=number("a time in s, 0.1 or more", 0.1), metavar="S",
         help="stop the trajectory after this time, without what --add-payload would add later; default: its end",
     )  # fmt: skip
@@ -123,8 +145,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )  # fmt: skip
     add("--bag", type=output_path, metavar="DIR", help="record all that is published, as the recorder does")
     options = parser.parse_args(arguments)
-    if options.fault and options.plant:
-        parser.error("--fault needs devices that can have it: leave out --plant")
+    if options.sling is None and (options.swing or options.table is not None):
+        parser.error("--swing and --table are about a load on a sling: give --sling as well")
+    sling = None if options.sling is None else soft_sling(options.sling, math.radians(options.swing))
     parameters: dict[str, dict[str, object]] = {}
     for node, name, value in options.set:
         parameters.setdefault(node, {})[name] = value
@@ -135,6 +158,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
             config=options.config,
             devices=not options.plant,
             seed=options.seed,
+            growth=options.growth,
+            sling=sling,
+            table_height=options.table,
             duration=options.duration,
             parameters=parameters,
         )

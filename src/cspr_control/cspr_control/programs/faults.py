@@ -27,7 +27,7 @@ Let faults happen to a simulated robot, in simulated time, and print what become
 Each one happens to a fresh robot that holds {PAYLOAD:g} kg still, and to one that moves them level, at the speed of
 control.yaml. It must end held, brakes closed, latched, with a named cause; then the operator resets and enables the
 robot. The table shows the cause, how the robot came to rest, the time until all brakes hold, the height lost until
-then, and the lowest tension of a cable."""
+then, and the lowest tension of a cable. What is harmless must change nothing: the robot goes on, brakes open."""
 EPILOG = """\
 examples:
   cspr faults                               all of them, some minutes; the table of docs/operation.md
@@ -58,12 +58,15 @@ class Row:
         outcomes = [outcome for outcome in both if isinstance(outcome, Outcome)]
         cause = way = ""
         for outcome in outcomes:
+            if outcome.duration is None:
+                cause, way = "none", "none"
+                continue
             cause = outcome.cause
             way = "along the path" if outcome.controlled else "quick stop"
             way += ", then quick stop" if outcome.controlled and "; then " in cause else ""
         lowest = max(0.0, min((outcome.lowest_tension for outcome in outcomes), default=math.inf))
         cells = (
-            f"{1e3 * o.duration:.0f} | {1e3 * max(o.drop, 0.0):.1f}"
+            f"{'open' if o.duration is None else f'{1e3 * o.duration:.0f}'} | {1e3 * max(o.drop, 0.0):.1f}"
             if isinstance(o, Outcome)
             else o or "- | -"
             for o in both

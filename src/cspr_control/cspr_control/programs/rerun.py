@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from cspr_control.errors import ControlError
-from cspr_control.estimation.payload import UPDATE_PERIOD
 from cspr_control.parameters.settings import estimator_settings, feedforward_settings
 from cspr_control.programs.arguments import parameter
 from cspr_control.rerun.bag import write_rerun
@@ -26,11 +25,12 @@ from cspr_control.rerun.comparison import (
 )
 from cspr_control.rerun.recording import Recording, schedule
 from cspr_control.rerun.rerun import (
-    EstimatedPayloads,
     Progress,
+    arriving_as_recorded,
+    heard_by_estimator,
     rerun_estimator,
     rerun_feedforward,
-    update_times,
+    with_those_before,
 )
 from cspr_kinematics import KinematicsError, Payload
 from cspr_kinematics.warm_up import warm_up
@@ -52,15 +52,16 @@ DESCRIPTION = """\
 Run the payload estimator and the feed-forward again over a recorded bag, sample by sample, with the parameters
 of the recording or with others, and compare what comes out with what was recorded. No ROS graph is needed or touched.
 
-The configuration is the one inside the bag. The inputs (/cable_tensions, /platform_pose, /reference) come at the
-times at which they were received. The feed-forward counts on the estimates of the re-run. What the robot would have
-done with the other torques is not simulated: the recorded motion stays.
+The configuration is the one inside the bag. The inputs (/motor_states, /cable_tensions, /payload_in_use, /robot_state,
+/reference) come at the times at which they were received. The feed-forward counts on the estimates of the re-run, which
+arrive when the recorded ones did. What the robot would have done with the other torques is not simulated: the recorded
+motion stays.
 
 Writes DIR/bag (/payload and /setpoint, MCAP) and DIR/comparison.json. The same bag gives the same bytes."""
 EPILOG = """\
 examples:
   cspr rerun runs/latest                                          how closely the recording is reproduced
-  cspr rerun runs/latest --set mass_estimator.time_constant=0.2   a faster filter
+  cspr rerun runs/latest --set mass_estimator.time_constant=0.05  a slower filter
   cspr rerun runs/latest --set feedforward.model=static --set feedforward.payload_source=nominal
   cspr rerun runs/latest --nodes feedforward                      with the estimates as they were recorded
   cspr rerun runs/latest --payload /simulation/payload            with the true mass, as in: cspr demo --exact-mass"""
@@ -120,62 +121,91 @@ def _run(options: argparse.Namespace, changes: dict[str, dict[str, Any]]) -> Non
 
 def _estimate(
     recording: Recording, given: dict[str, Any]
-) -> tuple[EstimatedPayloads, PayloadComparison, dict[str, Any]]:
+) -> tuple[Inertias, PayloadComparison, dict[str, Any]]:
     settings, values = schedule(recording, "mass_estimator", estimator_settings, given)
-    tensions = recording.joints(topics.CABLE_TENSIONS, topics.cable_names(recording.robot.number_of_cables))
-    poses = recording.read(Bag.poses, topics.PLATFORM_POSE.name)
-    recorded, initial, first = None, None, 0
-    published: Sequence[int] = []
-    if recording.holds(topics.PAYLOAD):
-        recorded = recording.read(Bag.inertias, topics.PAYLOAD.name)
-        published = recording.publish_times(topics.PAYLOAD)
-    updates = update_times(tensions, poses, recorded, published)
-    if recorded is not None:
-        # a recorder that is new in the graph meets one topic after the other, the inputs perhaps last
-        inputs = max(tensions.log_time_ns[0], poses.log_time_ns[0])
-        first = next((index for index, time in enumerate(updates) if time >= inputs), len(updates) - 1)
-        initial = Payload(float(recorded.mass[first]), recorded.center_of_mass[first])
+    m = recording.robot.number_of_cables
+    states = recording.joints(topics.MOTOR_STATES, topics.motor_names(m))
+    tensions = recording.joints(topics.CABLE_TENSIONS, topics.cable_names(m))
+    recorded, in_use, truth = (
+        recording.read(Bag.inertias, topic.name) if recording.holds(topic) else None
+        for topic in (topics.PAYLOAD, topics.PAYLOAD_IN_USE, topics.SIMULATED_PAYLOAD)
+    )
+    inputs = states, tensions
+    if recorded is not None and len(recorded):
+        was, _ = schedule(recording, "mass_estimator", estimator_settings, {})
+        inputs = heard_by_estimator(recording.robot, was, states, tensions, int(recorded.time_ns[0]))
     payloads = rerun_estimator(
-        recording.robot, settings, tensions, poses, updates, initial, first, _progress("mass_estimator")
+        recording.robot,
+        settings,
+        *inputs,
+        in_use,
+        None if in_use is not None or recorded is None else _first(recorded),
+        _progress("mass_estimator"),
+        recording.samples(topics.ROBOT_STATE),
     )
     if len(payloads.mass) == 0:
         raise ControlError("nothing to re-run: the recording holds no valid measurement of the payload")
-    truth = None
-    if recording.holds(topics.SIMULATED_PAYLOAD):
-        truth = recording.read(Bag.inertias, topics.SIMULATED_PAYLOAD.name)
     return payloads, compare_payloads(payloads, recorded, truth, *recording.story(tensions)), values
 
 
 def _answer(
-    recording: Recording, given: dict[str, Any], rerun: EstimatedPayloads | None, topic: str | None
+    recording: Recording, given: dict[str, Any], rerun: Inertias | None, topic: str | None
 ) -> tuple[JointStates, SetpointComparison, dict[str, Any]]:
     m = recording.robot.number_of_cables
     build = partial(feedforward_settings, m)
     settings, values = schedule(recording, "feedforward", build, given)
     references = recording.read(Bag.references, topics.REFERENCE.name)
+    first_stamp, first_received = _inputs_since(recording)
     payloads: Inertias | None = rerun
     if topic is None and rerun is None and recording.holds(topics.PAYLOAD):
         topic = topics.PAYLOAD.name
     if topic is not None:
         payloads = recording.read(Bag.inertias, topic)
+    elif rerun is not None and recording.holds(topics.PAYLOAD):
+        recorded_payloads = recording.read(Bag.inertias, topics.PAYLOAD.name)
+        published = recording.publish_times(topics.PAYLOAD)
+        payloads = arriving_as_recorded(rerun, recorded_payloads.time_ns.tolist(), published)
+        payloads = with_those_before(payloads, recorded_payloads, published, first_stamp)
     initial = None if payloads is None else _known_before(recording, payloads)
+    tensions = None
+    if recording.holds(topics.CABLE_TENSIONS):
+        tensions = recording.joints(topics.CABLE_TENSIONS, topics.cable_names(m))
     setpoints = rerun_feedforward(
-        recording.robot, settings, references, payloads, initial, _progress("feedforward")
+        recording.robot,
+        settings,
+        references,
+        payloads,
+        initial,
+        _progress("feedforward"),
+        tensions,
+        recording.samples(topics.ROBOT_STATE),
+        recording.samples(topics.EXTERNAL_WRENCH),
     )
     recorded = None
     if recording.holds(topics.SETPOINT):
         recorded = recording.joints(topics.SETPOINT, topics.motor_names(m))
-    return setpoints, compare_setpoints(setpoints, recorded), values
+    # while the motors rest, set-points count on measured tensions
+    return setpoints, compare_setpoints(setpoints, recorded, first_received), values
+
+
+def _inputs_since(recording: Recording) -> tuple[int, int]:
+    """Return from which stamp on motor states and tensions are recorded, as far as they are, and from when, ns."""
+    held = filter(recording.holds, (topics.MOTOR_STATES, topics.CABLE_TENSIONS))
+    inputs = [recording.read(Bag.joint_states, topic.name) for topic in held]
+    stamp = max((int(joints.time_ns[0]) for joints in inputs), default=0)
+    return stamp, max((int(joints.log_time_ns[0]) for joints in inputs), default=0)
 
 
 def _known_before(recording: Recording, payloads: Inertias) -> Payload | None:
-    """Return the first payload if it must have been told before the recording began.
-
-    An estimator that begins leaves zero at a limited rate; a first estimate beyond that is not its first one.
-    """
-    rate_limit = recording.parameters.values("mass_estimator")["mass_rate_limit"]
-    if payloads.mass[0] <= 2.0 * rate_limit * UPDATE_PERIOD:
+    """Return what was in use when the recording began, if it came of an estimate that was made before."""
+    if not recording.holds(topics.PAYLOAD_IN_USE):
         return None
+    in_use = recording.read(Bag.inertias, topics.PAYLOAD_IN_USE.name)
+    estimated = in_use.time_ns[0] > 0  # the stamp of the nominal payload is none
+    return _first(in_use) if estimated and in_use.log_time_ns[0] <= payloads.log_time_ns[0] else None
+
+
+def _first(payloads: Inertias) -> Payload:
     return Payload(float(payloads.mass[0]), payloads.center_of_mass[0])
 
 

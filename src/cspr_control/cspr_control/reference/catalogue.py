@@ -12,6 +12,7 @@ from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
+from cspr_control.reference.strokes import VerticalStrokes
 from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace
 from cspr_kinematics import Pose, Robot
 from cspr_msgs_py.parameters.table import defaults
@@ -32,7 +33,7 @@ class TrajectorySettings:
         Limits of `PointToPoint` motions.
     goal
         Where ``move`` leads.
-    blend_time, hold_duration, dwell, stop_time, max_gap
+    blend_time, hold_duration, dwell, stop_time, max_gap, supervision_timeout
         In s, see `cspr_msgs_py.parameters.table`.
     """
 
@@ -44,6 +45,7 @@ class TrajectorySettings:
     dwell: float = _DEFAULT["dwell"]
     stop_time: float = _DEFAULT["stop_time"]
     max_gap: float = _DEFAULT["max_gap"]
+    supervision_timeout: float = _DEFAULT["supervision_timeout"]
 
 
 _PRINTED: dict[TrajectoryName, Callable[[NDArray[np.float64]], PaperTrajectory]] = {
@@ -84,6 +86,8 @@ def make_trajectory(
         return Hold(present, settings.hold_duration)
     if name is TrajectoryName.MOVE:
         trajectory = PointToPoint(present, settings.goal, settings.limits)
+    elif name is TrajectoryName.STROKES_Z:
+        trajectory = VerticalStrokes(robot.trajectory_center)
     elif name in _SMOOTH:
         trajectory = SmoothTrajectory(_PRINTED[_SMOOTH[name]](robot.trajectory_center), settings.blend_time)
     elif name in _PRINTED:

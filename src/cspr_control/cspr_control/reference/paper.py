@@ -74,7 +74,7 @@ class PaperTrajectory:
         position, velocity, acceleration = np.array(equation_18(pace * time)) * _MILLIMETRE
         part = time / self.switch_time
         tilt = self._tilt * np.subtract(quintic(part), quintic(part - 1.0)) / self.switch_time ** np.arange(3)
-        turning = np.outer(tilt, (0.0, 1.0, 1.0))  # and its two derivatives
+        turning = tilt[:, None] * (0.0, 1.0, 1.0)  # and its two derivatives
         return motion_from_euler(self._center + position, pace * velocity, pace**2 * acceleration, *turning)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.path_time import slowing_to_rest
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
@@ -73,7 +75,7 @@ class TrajectoryPlayer:
         Raises
         ------
         TrajectoryError
-            If no pose is held yet, or another trajectory is under way.
+            If no pose is held yet, another trajectory is under way, or the way there has no end.
         """
         if self.held_pose is None or self._pose is None:
             raise TrajectoryError("no pose of the platform is known yet")
@@ -81,6 +83,8 @@ class TrajectoryPlayer:
             raise TrajectoryError(f"{self.trajectory_name} is under way ({self.phase.value}); stop it first")
         begin = trajectory.sample(0.0).pose
         approach = PointToPoint(self.held_pose, begin, self.limits, "approach")
+        if not math.isfinite(approach.duration + trajectory.duration):
+            raise TrajectoryError(f"{trajectory.name} is out of reach of {self.held_pose.position} m")
         self._followed, self._followed_since, self._next = approach, self._time, trajectory
         self.held_pose = begin
         self.trajectory_name = trajectory.name
@@ -89,10 +93,11 @@ class TrajectoryPlayer:
         self.end_time = self.start_time + round(trajectory.duration * SECOND)
         self.phase = TrajectoryPhase.APPROACH
 
-    def stop(self) -> None:
-        """Slow down along the path to rest; without effect on a reference at rest."""
+    def stop(self, interruption: str = "") -> None:
+        """Slow down along the path to rest; without effect on a reference at rest. Given why, it is given up."""
         if self.phase not in UNDER_WAY:
             return
+        self.interruption = interruption
         self._stop_since = self._time
         self._stop_from = self._elapsed(self._time)
         self._next = None

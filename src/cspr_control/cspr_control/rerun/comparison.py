@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from cspr_control.analysis.numbers.mass import mass_metrics, mass_trace
 from cspr_control.analysis.timeline import Clock, Timeline
-from cspr_control.rerun.rerun import EstimatedPayloads
 from cspr_msgs_py.bag.columns import Inertias, JointStates
 
 
@@ -69,18 +68,18 @@ class SetpointComparison:
 
 
 def compare_payloads(
-    rerun: EstimatedPayloads,
+    rerun: Inertias,
     recorded: Inertias | None,
     truth: Inertias | None,
     clock: Clock,
     timeline: Timeline,
 ) -> PayloadComparison:
-    """Compare estimates.
+    """Compare estimates; those of one stamp belong together, and while the estimate is held it keeps its stamp.
 
     Parameters
     ----------
     rerun, recorded
-        Those recorded belong to the updates of the re-run in their order.
+        Re-run and recorded estimates, these None if there are none.
     truth
         What a simulated robot carried.
     clock
@@ -91,9 +90,10 @@ def compare_payloads(
     mass = center = None
     matched = 0
     if recorded is not None:
-        matched = len(rerun.update)
-        mass = Difference.of(rerun.mass - recorded.mass[rerun.update])
-        center = Difference.of(rerun.center_of_mass - recorded.center_of_mass[rerun.update])
+        stamps, ours, theirs = np.intersect1d(rerun.time_ns, recorded.time_ns, return_indices=True)
+        matched = len(stamps)
+        mass = Difference.of(rerun.mass[ours] - recorded.mass[theirs])
+        center = Difference.of(rerun.center_of_mass[ours] - recorded.center_of_mass[theirs])
     return PayloadComparison(
         0 if recorded is None else len(recorded.mass),
         len(rerun.mass),
@@ -122,11 +122,13 @@ def _quality(
     return MassQuality(found.settling, found.estimate - found.true)
 
 
-def compare_setpoints(rerun: JointStates, recorded: JointStates | None) -> SetpointComparison:
-    """Compare set-points; those of one stamp belong together."""
+def compare_setpoints(rerun: JointStates, recorded: JointStates | None, since: int = 0) -> SetpointComparison:
+    """Compare set-points; those of one stamp belong together. Those re-run before a time, ns, do not count."""
     if recorded is None:
         return SetpointComparison(0, len(rerun.time_ns), 0, 0, None, None, None, None)
     stamps, ours, theirs = np.intersect1d(rerun.time_ns, recorded.time_ns, return_indices=True)
+    counting = rerun.log_time_ns[ours] >= since
+    stamps, ours, theirs = (each[counting] for each in (stamps, ours, theirs))
     differences = {
         field: getattr(rerun, field)[ours] - getattr(recorded, field)[theirs]
         for field in ("position", "velocity", "effort")

@@ -16,11 +16,12 @@ from cspr_control.rerun.rerun import Schedule
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.columns import JointStates
 from cspr_msgs_py.bag.reader import Bag
-from cspr_msgs_py.errors import BagError, ParameterError
+from cspr_msgs_py.errors import BagError, MessageError, ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile, require_heard
 from cspr_msgs_py.parameters.table import node_parameters, parameter_values
 from cspr_msgs_py.wire.parameter_events import TOPIC as PARAMETER_EVENTS
 from cspr_msgs_py.wire.parameter_events import ParameterEvent, decode_parameter_event
+from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 CONTROL_FILE = "control.yaml"
 
@@ -57,6 +58,7 @@ class Recording:
 
     def __init__(self, bag: Bag, directory: Path | None = None) -> None:
         self._bag = bag
+        self._read: dict[tuple[Callable[..., Any], str], Any] = {}  # what several ask for is decoded once
         files, where = bag.attachments, bag.path
         if directory is not None:
             files, where = {path.name: path.read_bytes() for path in directory.glob("*.yaml")}, directory
@@ -78,10 +80,13 @@ class Recording:
 
     def read(self, kind: Callable[[Bag, str], Columns], topic: str) -> Columns:
         """Return the columns of a topic as a method of `Bag` reads them; raises ControlError if there are none."""
-        try:
-            return kind(self._bag, topic)
-        except BagError as error:
-            raise ControlError(f"nothing to re-run: {error}") from error
+        if (kind, topic) not in self._read:
+            try:
+                self._read[kind, topic] = kind(self._bag, topic)
+            except BagError as error:
+                raise ControlError(f"nothing to re-run: {error}") from error
+        columns: Columns = self._read[kind, topic]
+        return columns
 
     def joints(self, topic: topics.Topic, names: Sequence[str]) -> JointStates:
         """Return the joint states on a topic, in the order of the names; raises ControlError if there are none."""
@@ -114,6 +119,16 @@ class Recording:
     def publish_times(self, topic: topics.Topic) -> list[int]:
         """Return when the messages on a topic were published, ns."""
         return [published for _, published, _ in self._bag.messages(topic.name)]
+
+    def samples(self, topic: topics.Topic) -> list[tuple[int, Any]]:
+        """Return receive times (ns) and samples of a topic, if any; raises ControlError if they cannot be read."""
+        if not self.holds(topic):
+            return []
+        decode = topic_codec(topic, self.robot.number_of_cables).decode
+        try:
+            return [(time, decode(data)) for time, _, data in self._bag.messages(topic.name)]
+        except MessageError as error:
+            raise ControlError(f"{self._bag.path}: {topic.name} cannot be read: {error}") from error
 
     def parameter_events(self, node: str) -> list[tuple[int, ParameterEvent]]:
         """Return receive time (ns) and content of what a node said of its parameters."""

@@ -9,7 +9,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_control.estimation.stuck import StuckReadings
 from cspr_control.supervision.debounce import Debounce
+from cspr_msgs_py.topics import graph_topics
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
 
@@ -18,21 +20,32 @@ class MonitoredInput(StrEnum):
 
     MOTOR_STATES = "/motor_states"
     CABLE_TENSIONS = "/cable_tensions"
+    REFERENCE = "/reference"
     SETPOINT = "/setpoint"
     PLATFORM_POSE = "/platform_pose"
     DRIVE_STATES = "/drive_states"
+
+    @property
+    def writer(self) -> str:
+        """Name of the node that publishes it."""
+        return _WRITERS[self.value]
+
+
+_WRITERS = {topic.name: topic.writer for topic in graph_topics(0)}
 
 
 class FaultKind(StrEnum):
     """What made the supervisor stop the robot."""
 
     STALE_TOPIC = "stale topic"
+    NODE = "node failed"
     FOLLOWING_ERROR = "following error"
     TENSION_LOW = "cable tension below its limit"
     TENSION_HIGH = "cable tension above its limit"
     OVERSPEED = "overspeed"
     WORKSPACE = "workspace left"
     LOAD_CELL = "load cell not plausible"
+    LENGTHS = "cable lengths fit no pose"
     RECORDING = "recording failed"
     DRIVE_FAULT = "drive fault"
     DRIVE_STATE = "unexpected drive state"
@@ -60,8 +73,16 @@ class Fault:
         return f"{self.kind.value}: {self.detail}"
 
 
+_FAILURE_LASTS = 1.5
+"""Time for which a node counts as failed after it has said so, s: one that goes on failing says so every second."""
+
+_AT_REST = 2.0  # rad/s of the motor: 3 mm/s of cable
+
 _CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE)
 """Inputs that the motors do not need to follow the reference until it comes to rest."""
+
+_NODES_NOT_NEEDED = frozenset({"load_cells", "pose_estimator", "mass_estimator"})
+"""Nodes that the motors do not need to follow the reference until it comes to rest."""
 
 
 @dataclass(frozen=True)
@@ -76,26 +97,28 @@ class SupervisionLimits:
         In rad: the motors jump by as much when the robot is enabled. The difference is large where the lengths of the
         cables fit no pose, as after a cable was paid out.
     tension_min, tension_max
-        Limits of the cable tensions, N.
+        Limits of the tensions of each cable (m,), N.
     motor_speed
         Largest speed of a motor, rad/s.
     workspace_min, workspace_max
         Corners (3,) of the box that the platform must not leave, m in base.
     workspace_margin
         How far out of it still counts as in it, m; and how much further out a robot may go that was enabled outside.
-    transmission_ratio
-        Cable paid out by an angle of the motor, m/rad; relates torque and tension.
+    transmission_ratio, motor_inertia
+        Cable paid out by an angle of the motor, m/rad, and inertia at its shaft, kg m^2; relate torque and tension.
     stuck_time
         In s; the noise of a sound load cell never lets it show the very same value for long.
+    length_misfit, slack_misfit, misfit_cycles, slack_tension, slack_hold
+        Those of `LengthCheck`.
     """
 
     max_ages: dict[MonitoredInput, float]
     following_error: float
     following_error_time: float
     starting_error: float
-    tension_min: float
+    tension_min: tuple[float, ...]
     tension_min_time: float
-    tension_max: float
+    tension_max: tuple[float, ...]
     tension_max_time: float
     motor_speed: float
     motor_speed_time: float
@@ -103,9 +126,16 @@ class SupervisionLimits:
     workspace_max: tuple[float, float, float]
     workspace_margin: float
     transmission_ratio: float
+    motor_inertia: float
     tension_difference: float
     tension_difference_time: float
     stuck_time: float
+    length_misfit: float
+    slack_misfit: float
+    misfit_cycles: int
+    slack_tension: float
+    slack_hold: float
+    node_timeout: float
     enable_timeout: float
     stop_timeout: float
     drive_timeout: float
@@ -128,10 +158,17 @@ class SupervisionChecks:
         self._limits = limits
         self._arrivals = dict.fromkeys(MonitoredInput, -math.inf)
         self._measured = self._desired = JointStateSample(0, *np.zeros((3, count)))
+        self._desired_acceleration = np.zeros(count)
+        self._heard: dict[str, float] = {}  # when each node last said how it is
+        self._failures: dict[str, tuple[float, str]] = {}  # when each node last failed, and how
         self._position = np.full(3, np.nan)
+        self._oriented = True
         self._outside_when_enabled = np.zeros(3)
         self._tensions = np.full(count, np.nan)
-        self._tensions_changed = np.full(count, -math.inf)  # when each last showed another value, s
+        self._stuck = StuckReadings(count)
+        self._tension_min, self._tension_max = map(np.array, (limits.tension_min, limits.tension_max))
+        self._following_error = np.full(count, limits.following_error)
+        self._motor_speed = np.full(count, limits.motor_speed)
         self._workspace_min, self._workspace_max = map(np.array, (limits.workspace_min, limits.workspace_max))
         self._watches = {
             FaultKind.FOLLOWING_ERROR: Debounce(count, limits.following_error_time),
@@ -146,7 +183,8 @@ class SupervisionChecks:
 
         A platform that is outside of its workspace now may move, as long as it goes no further out.
         """
-        self._outside_when_enabled = np.nan_to_num(self._way_outside())
+        out = self._way_outside()
+        self._outside_when_enabled = np.where(np.isfinite(out), out, 0.0)
         for watch in self._watches.values():
             watch.clear()
 
@@ -159,21 +197,38 @@ class SupervisionChecks:
         self.observe_arrival(MonitoredInput.MOTOR_STATES, time)
         self._measured = sample
 
-    def observe_pose(self, time: float, position: NDArray[np.float64]) -> None:
-        """Store the position of the platform (3,), m in base."""
+    def observe_node(self, time: float, name: str, failure: str = "") -> None:
+        """Note that a node has said how it is, and what has gone wrong in it."""
+        self._heard[name] = time
+        if failure:
+            self._failures[name] = time, failure
+
+    def observe_pose(
+        self, time: float, position: NDArray[np.float64], quaternion: NDArray[np.float64]
+    ) -> None:
+        """Store position (3,), m in base, and orientation (4,) of the platform."""
         self.observe_arrival(MonitoredInput.PLATFORM_POSE, time)
         self._position = position
+        self._oriented = bool(np.isfinite(quaternion).all())
 
     def observe_setpoint(self, time: float, sample: JointStateSample) -> None:
         """Store desired motor angles (m,), rad, and speeds (m,), rad/s."""
         self.observe_arrival(MonitoredInput.SETPOINT, time)
+        elapsed = (sample.stamp_ns - self._desired.stamp_ns) * 1e-9
+        if elapsed > 0.0:
+            self._desired_acceleration = (sample.velocity - self._desired.velocity) / elapsed
         self._desired = sample
 
     def observe_tensions(self, time: float, tensions: NDArray[np.float64]) -> None:
         """Store measured cable tensions (m,), N."""
         self.observe_arrival(MonitoredInput.CABLE_TENSIONS, time)
-        self._tensions_changed = np.where(tensions != self._tensions, time, self._tensions_changed)
+        self._stuck.observe(time, tensions)
         self._tensions = tensions
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest motor states, ns; 0 before the first."""
+        return self._measured.stamp_ns
 
     def age(self, source: MonitoredInput, time: float) -> float:
         """Return the age of an input, s; infinite before the first."""
@@ -185,16 +240,50 @@ class SupervisionChecks:
         ahead = (measured.stamp_ns - desired.stamp_ns) * 1e-9
         return np.asarray(desired.position + desired.velocity * ahead - measured.position)
 
+    def setpoints_at_rest(self) -> bool:
+        """Return whether the motors are to stand still: a reference at rest may have an offset that still moves."""
+        return bool((np.abs(self._desired.velocity) <= _AT_REST).all())
+
     def stale(self, time: float) -> list[Fault]:
         """Return the inputs that are too old."""
         faults = []
         for source, largest in self._limits.max_ages.items():
             age = self.age(source, time)
-            if age > largest:
+            if not age <= largest:
                 seen = f"was last received {age:.3f} s ago" if math.isfinite(age) else "has not been received"
-                detail = f"{source.value} {seen}, limit {largest:g} s"
+                detail = f"{source.value} of {source.writer} {seen}, limit {largest:g} s"
+                if source is MonitoredInput.PLATFORM_POSE and (slack := self._slackest()) is not None:
+                    detail += f"; {slack}, and the lengths may fit no pose"
                 faults.append(Fault(FaultKind.STALE_TOPIC, detail, source in _CONTROLLABLE_WITHOUT))
         return faults
+
+    def failed_nodes(self, time: float) -> list[Fault]:
+        """Return the nodes in which something has just gone wrong, then those that no longer say how they are.
+
+        One that has never been heard has not died: whatever the robot needs of it is missed by its topic.
+        """
+        limit = self._limits.node_timeout
+        failed = [
+            (name, f"{name}: {failure}")
+            for name, (since, failure) in self._failures.items()
+            if not time - since > _FAILURE_LASTS
+        ]
+        silent = [
+            (name, f"{name} was last heard {time - heard:.1f} s ago, limit {limit:g} s: has it ended?")
+            for name, heard in self._heard.items()
+            if not time - heard <= limit
+        ]
+        return [
+            Fault(FaultKind.NODE, detail, controlled=name in _NODES_NOT_NEEDED)
+            for name, detail in (*failed, *silent)
+        ]
+
+    def _slackest(self) -> str | None:
+        """Return which cable carries the least, if that is less than it should."""
+        cable = int((self._tensions - self._tension_min).argmin())
+        if self._tensions[cable] >= self._tension_min[cable]:
+            return None
+        return f"cable_{cable + 1} carries {self._tensions[cable]:z.0f} N"
 
     def excess(self, time: float, under_torque: bool = True) -> list[Fault]:
         """Return what has been beyond a limit for longer than allowed.
@@ -219,10 +308,9 @@ class SupervisionChecks:
     # All comparisons are written so that a number that is not finite counts as beyond the limit.
 
     def _lasting_violations(self, time: float) -> list[Fault]:
-        limits, errors, tensions = self._limits, self.following_errors(), self._tensions
-        speeds = self._measured.velocity
+        errors, tensions, speeds = self.following_errors(), self._tensions, self._measured.velocity
         angle, speed, high, low = (
-            limits.following_error, limits.motor_speed, limits.tension_max, limits.tension_min
+            self._following_error, self._motor_speed, self._tension_max, self._tension_min
         )  # fmt: skip
         faults = []
         for kind, within, values, text, limit in (
@@ -235,14 +323,19 @@ class SupervisionChecks:
         ):  # fmt: skip
             worst = self._watches[kind].update(time, ~within)
             if worst is not None:
-                detail = text.format(worst + 1, values[worst], limit)
+                detail = text.format(worst + 1, values[worst], limit[worst])
                 faults.append(Fault(kind, detail, controlled=kind is FaultKind.TENSION_LOW))
         return faults
 
     def _implausible_cells(self, time: float) -> list[Fault]:
-        """Return the load cell that its motor contradicts, and one that is stuck."""
+        """Return the load cell that its motor contradicts, and one that is stuck.
+
+        What accelerates the winch does not reach the cable. The set-point says how much that is: its differences have
+        no noise, and where it jumps, which no motor follows, they are wrong for one sample.
+        """
         limits, tensions = self._limits, self._tensions
-        torque_tensions = -self._measured.effort / limits.transmission_ratio
+        accelerating = limits.motor_inertia * self._desired_acceleration
+        torque_tensions = (accelerating - self._measured.effort) / limits.transmission_ratio
         difference = tensions - torque_tensions
         watch = self._watches[FaultKind.LOAD_CELL]
         cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))
@@ -254,10 +347,10 @@ class SupervisionChecks:
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
         source = MonitoredInput.CABLE_TENSIONS
         fresh = self.age(source, time) <= limits.max_ages[source]
-        still = time - self._tensions_changed
-        cable = int(still.argmax())
-        if fresh and math.isfinite(still[cable]) and still[cable] > limits.stuck_time:
-            detail = f"cable_{cable + 1} has shown exactly {tensions[cable]:zg} N for {still[cable]:.1f} s"
+        stuck = self._stuck.longest(time, limits.stuck_time)
+        if fresh and stuck is not None:
+            cable, still = stuck
+            detail = f"cable_{cable + 1} has shown exactly {tensions[cable]:zg} N for {still:.1f} s"
             return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
         return []
 
@@ -270,7 +363,9 @@ class SupervisionChecks:
         """Return in words where the platform has left its workspace; None when it has not."""
         limits = self._limits
         allowed = self._outside_when_enabled + limits.workspace_margin
-        for axis in np.flatnonzero(self._way_outside() > allowed):
+        if not self._oriented:
+            return "the orientation of the platform is not a number"
+        for axis in np.flatnonzero(~(self._way_outside() <= allowed)):
             low, high = limits.workspace_min[axis], limits.workspace_max[axis]
             return (
                 f"the platform is at {'xyz'[axis]} = {self._position[axis]:z.3f} m, the workspace is from "
@@ -281,8 +376,10 @@ class SupervisionChecks:
     def obstacle(self, time: float) -> str | None:
         """Return why the robot must not be enabled now; None when nothing speaks against it."""
         limits = self._limits
-        if stale := self.stale(time):
+        if stale := self.stale(time) or self.failed_nodes(time):
             return str(stale[0])
+        if not (self._oriented and np.isfinite(self._position).all()):
+            return f"the pose of the platform is not finite: it is at {self._position} m"
         errors = self.following_errors()
         worst = int(np.abs(errors).argmax())
         if not abs(errors[worst]) <= limits.starting_error:
@@ -290,7 +387,11 @@ class SupervisionChecks:
                 f"motor_{worst + 1} is {errors[worst]:z.2f} rad away from its set-point, "
                 f"limit {limits.starting_error:g} rad: wind the cables so that all of them are taut"
             )
-        highest = int(self._tensions.argmax())
-        if not self._tensions[highest] <= limits.tension_max:
-            return f"cable_{highest + 1} carries {self._tensions[highest]:z.0f} N, limit {limits.tension_max:g} N"
+        over = np.where(np.isfinite(self._tensions), self._tensions - self._tension_max, np.inf)
+        highest = int(over.argmax())
+        if not over[highest] <= 0.0:
+            return (
+                f"cable_{highest + 1} carries {self._tensions[highest]:z.0f} N, "
+                f"limit {limits.tension_max[highest]:g} N"
+            )
         return None

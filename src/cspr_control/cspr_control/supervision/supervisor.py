@@ -70,6 +70,10 @@ class Supervisor:
         News, not yet checked, that the recording has failed, and why; to be set, and empty when it goes on.
     load_cell_problem
         What is wrong with the load cells, as their driver finds it; to be set, and empty when all is well.
+    load_cell_doubt
+        What is wrong with them as the balance of the platform and the motors find it; likewise.
+    length_problem
+        Why the cables' lengths fit no pose, or not well; likewise.
     """
 
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
@@ -86,7 +90,7 @@ class Supervisor:
         self._disabling = False
         self._resetting = False
         self.recording_problem = ""
-        self.load_cell_problem = ""
+        self.load_cell_problem = self.load_cell_doubt = self.length_problem = ""
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
 
@@ -96,8 +100,10 @@ class Supervisor:
             latched = f" by {self.fault}; reset it first" if self.fault else ""
             return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
         obstacle = self.checks.obstacle(time)
-        if obstacle is None and self.load_cell_problem:
-            obstacle = f"load cells: {self.load_cell_problem}"
+        if obstacle is None and (problem := self.load_cell_problem or self.load_cell_doubt):
+            obstacle = f"load cells: {problem}"
+        if obstacle is None and self.length_problem:
+            obstacle = str(Fault(FaultKind.LENGTHS, self.length_problem))
         if obstacle is None and self._drives is not DriverState.DISABLED:
             obstacle = self._drives_are()
         if obstacle is None and not self.phase.at_rest:
@@ -158,6 +164,11 @@ class Supervisor:
             self._resetting = False
             self.fault = Fault(FaultKind.DRIVE_FAULT, f"the drives were not reset: {message}")
 
+    def fail(self, time: float, problem: str) -> None:
+        """Latch that the supervisor itself cannot be relied on, and stop the drives."""
+        if self.state is not RobotState.FAULT:
+            self._fail(time, Fault(FaultKind.NODE, problem))
+
     def update(self, time: float) -> tuple[Action, ...]:
         """Run the checks and return what is to be done, in this order."""
         if self.state is RobotState.FAULT:
@@ -172,6 +183,10 @@ class Supervisor:
                 self._enter(RobotState.ENABLED, time)
             if self.state is RobotState.STOPPING:
                 self._update_stopping(time)
+        return self.take_actions()
+
+    def take_actions(self) -> tuple[Action, ...]:
+        """Return what is to be done, in this order, and was not returned before."""
         actions = tuple(self._actions)
         self._actions.clear()
         return actions
@@ -185,13 +200,16 @@ class Supervisor:
             return unasked if self._drives is DriverState.ENABLED else None
         stopping = self.state is RobotState.STOPPING and not self._disabling
         following = self.state is RobotState.ENABLED or stopping
-        faults = self.checks.stale(time) + self.checks.excess(time, following)
+        checks = self.checks
+        faults = checks.stale(time) + checks.failed_nodes(time) + checks.excess(time, following)
+        if self.length_problem:  # the path itself is not known: nothing can come to rest along it
+            faults.append(Fault(FaultKind.LENGTHS, self.length_problem))
         urgent = next((fault for fault in faults if not fault.controlled), None)
         urgent = urgent or self._find_drive_fault(time)
         if urgent is not None:
             return urgent
-        if self.load_cell_problem:
-            faults.insert(0, Fault(FaultKind.LOAD_CELL, self.load_cell_problem, controlled=True))
+        if problem := self.load_cell_problem or self.load_cell_doubt:
+            faults.insert(0, Fault(FaultKind.LOAD_CELL, problem, controlled=True))
         if self.recording_problem:
             faults.append(Fault(FaultKind.RECORDING, self.recording_problem, controlled=True))
         return faults[0] if faults else None
@@ -225,7 +243,7 @@ class Supervisor:
             if self._drives is DriverState.DISABLED:
                 self._enter(RobotState.FAULT if self.fault else RobotState.DISABLED, time)
             return
-        at_rest = self._trajectory_stopped and self.phase.at_rest
+        at_rest = self._trajectory_stopped and self.phase.at_rest and self.checks.setpoints_at_rest()
         if at_rest or time - self._since > self._limits.stop_timeout:
             self._disable_drives(time)
 

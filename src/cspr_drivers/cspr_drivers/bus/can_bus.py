@@ -7,6 +7,7 @@ import logging
 import math
 import struct
 import threading
+import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ import canopen
 from cspr_drivers.bus.socketcan_bus import GONE, error_frame_text, is_bus_off
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.errors import FrameError
+from cspr_drivers.thread_end import end_text
 
 FrameHandler = Callable[[bytes | bytearray, float], None]
 
@@ -70,6 +72,8 @@ class CanPort:
         The newest problem that was counted, in words; empty without any.
     failure
         Why the interface takes no frames at all, in words, until one is sent again; empty otherwise.
+    ended
+        Why nothing is received any more, in words, for good: the receiving thread has ended; empty otherwise.
     on_failure
         Called, in the receiving thread, with the reason when the bus no longer carries frames; `None` for nobody.
     """
@@ -88,6 +92,7 @@ class CanPort:
         self.bus_errors = 0
         self.last_problem = ""
         self.failure = ""
+        self.ended = ""
         self.on_failure: Callable[[str], None] | None = None
         self._bus = bus
         self._handlers: dict[int, FrameHandler] = {}
@@ -181,6 +186,13 @@ class CanPort:
         except (FrameError, struct.error) as error:  # the latter from canopen, for a frame cut short
             self.malformed_frames += 1
             self.last_problem = f"frame of COB-ID 0x{identifier:03X}: {error}"
+        except Exception as error:  # a defect: it is told, and the frames after it are received
+            self.bus_errors += 1
+            problem = f"frame of COB-ID 0x{identifier:03X}: {type(error).__name__}: {error}"
+            if problem != self.last_problem:
+                traceback.print_exception(error)
+            self.last_problem = problem
+            self._failed(problem)
 
     def receive_failed(self, error: Exception) -> None:
         """Count a failure of the receiving thread, which then goes on."""
@@ -195,7 +207,11 @@ class CanPort:
     def _failed(self, problem: str) -> None:
         handler = self.on_failure
         if handler is not None:
-            handler(problem)
+            try:
+                handler(problem)
+            except BaseException as error:
+                self.ended = end_text(f"bus {self.name}", error)
+                raise
 
     def _forget_failure(self) -> None:
         """Keep canopen from refusing to send forever after one failure; the next frame may get through."""

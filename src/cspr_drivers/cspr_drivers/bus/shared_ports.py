@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from cspr_drivers.bus.can_ports import CanPorts
+import threading
+
+from cspr_drivers.bus.can_ports import CanPorts, SyncHandler
 from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.config.can_config import CanConfig
@@ -17,10 +19,15 @@ class SharedPorts:
         Buses.
     clock
         Clock of the machine.
+    on_sync
+        Called as a handler of `CanPorts.on_sync` whenever the buses are open.
     """
 
-    def __init__(self, config: CanConfig, clock: Clock = COMPUTER) -> None:
+    def __init__(
+        self, config: CanConfig, clock: Clock = COMPUTER, on_sync: SyncHandler | None = None
+    ) -> None:
         self._config = config
+        self._on_sync = on_sync
         self._ports: CanPorts | None = None
         self._clock = clock
         self._users = 0
@@ -35,6 +42,8 @@ class SharedPorts:
         """
         if self._ports is None:
             self._ports = open_ports(self._config, self._clock)
+            if self._on_sync is not None:
+                self._ports.on_sync(self._on_sync, threading.Lock())
         self._users += 1
         return self._ports
 

@@ -17,6 +17,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 _LARGEST = 2**31 - 1  # in 32 bits with a sign
+_COUNTER = 2**32  # numbers that such a counter tells apart
 
 _REVOLUTION = 0xB4
 _INCREMENT = 0xB5
@@ -30,9 +31,16 @@ INCREMENTS = _INCREMENT << 16
 """60A8h of a drive that counts positions in encoder increments."""
 
 
+def wrapped(counts: int) -> int:
+    """Return a number as a counter of 32 bits with a sign shows it: after 2147483647 comes -2147483648."""
+    return (counts + _COUNTER // 2) % _COUNTER - _COUNTER // 2
+
+
 @dataclass(frozen=True)
 class DriveUnits:
     """Scale and sign of one drive. Positive motor angle and torque pay the cable out.
+
+    Position values (6064h) are those of a counter that wraps: of all angles that one may mean, the nearest to home.
 
     Attributes
     ----------
@@ -50,7 +58,7 @@ class DriveUnits:
 
     polarity: Literal[1, -1]
     encoder_increments: Annotated[int, Meta(ge=1, le=_LARGEST)]
-    home_counts: Annotated[int, Meta(ge=-_LARGEST, le=_LARGEST)]
+    home_counts: Annotated[int, Meta(ge=-_LARGEST - 1, le=_LARGEST)]
     rated_torque: Annotated[float, Meta(ge=0.001)]
     torque_limit: Annotated[float, Meta(gt=0.0)]
 
@@ -62,11 +70,12 @@ class DriveUnits:
 
     def angle(self, counts: int) -> float:
         """Return the motor angle, rad, at a position value."""
-        return self.polarity * (counts - self.home_counts) * (2.0 * math.pi / self.encoder_increments)
+        return self.polarity * wrapped(counts - self.home_counts) * (2.0 * math.pi / self.encoder_increments)
 
     def counts(self, angle: float) -> int:
         """Return the position value nearest to a motor angle, rad."""
-        return self.home_counts + self.polarity * round(angle * self.encoder_increments / (2.0 * math.pi))
+        increments = round(angle * self.encoder_increments / (2.0 * math.pi))
+        return wrapped(self.home_counts + self.polarity * increments)
 
     def torque(self, per_mille: int) -> float:
         """Return the torque, N m, of a number of thousandths of the rated torque."""

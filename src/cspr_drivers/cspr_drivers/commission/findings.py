@@ -62,6 +62,8 @@ class CellFindings:
         Of its calibration; `None` before it.
     rms_residual
         Of the calibration, N.
+    home_tension
+        Of its cable at the home pose, N.
     """
 
     device: FoundDevice
@@ -69,6 +71,7 @@ class CellFindings:
     scale: float | None = None
     offset: float | None = None
     rms_residual: float | None = None
+    home_tension: float | None = None
 
 
 @dataclass

@@ -9,6 +9,7 @@ from cspr_drivers.canopen import cia402
 from cspr_drivers.canopen.cia402 import State, Target
 from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.canopen.object_entry import Parameter
+from cspr_drivers.canopen.units import wrapped
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice
 from cspr_drivers.devices.settings import DRIVE_MODE, milliseconds
@@ -99,6 +100,10 @@ class SingleDrive:
         """Return the position value, in counts."""
         return self._device.read(_POSITION)
 
+    def moved_since(self, begin: int) -> int:
+        """Return how many counts the motor is from a position value."""
+        return wrapped(self.position() - begin)
+
     def brake_open(self) -> bool:
         """Return whether the drive reports its brake open."""
         return self._config.brake_is_open(self._device.read(_STATUS_WORD))
@@ -127,14 +132,14 @@ class SingleDrive:
                 start = self._device.clock.monotonic()
                 while (elapsed := self._device.clock.monotonic() - start) < 1.5 * _RAMP_TIME:
                     self._apply(direction * min(1.0, elapsed / _RAMP_TIME) * self._limit)
-                    if abs(self._position_within(begin, travel) - begin) >= travel:
+                    if abs(self._moved_within(begin, travel)) >= travel:
                         break
                 else:
                     continue
                 break
         finally:
             self.close_brake()
-        moved = self.position() - begin
+        moved = self.moved_since(begin)
         if abs(moved) < 0.5 * travel:
             raise DeviceError(
                 self._device.name,
@@ -151,15 +156,15 @@ class SingleDrive:
         self._release()
         try:
             start = before = self._device.clock.monotonic()
-            last = begin
+            last = 0
             speed = 0.0
             while (now := self._device.clock.monotonic()) - start < way / _SPEED + _PATIENCE:
                 reached = min(1.0, _SPEED * (now - start) / way) if way else 1.0
-                position = self._position_within(begin, abs(counts))
+                moved = self._moved_within(begin, abs(counts))
                 if now > before:
-                    speed += 0.5 * ((position - last) / radian / (now - before) - speed)
-                last, before = position, now
-                error = (begin + reached * counts - position) / radian
+                    speed += 0.5 * ((moved - last) / radian / (now - before) - speed)
+                last, before = moved, now
+                error = (reached * counts - moved) / radian
                 if reached == 1.0 and abs(error) < _NEAR and abs(speed) < 1.0:
                     return True
                 self._apply((error - _DAMPING * speed) / _STIFF * self._limit)
@@ -173,7 +178,7 @@ class SingleDrive:
         end = self._device.clock.monotonic() + duration
         largest = 0
         while self._device.clock.monotonic() < end:
-            largest = max(largest, abs(self.position() - begin))
+            largest = max(largest, abs(self.moved_since(begin)))
             self._device.clock.sleep(0.05)
         return 2.0 * math.pi * largest / self.encoder_increments
 
@@ -188,16 +193,16 @@ class SingleDrive:
         self._device.write(Parameter(0x6071, 0, 16, value, "target torque", signed=True))
         self._device.clock.sleep(_PAUSE)
 
-    def _position_within(self, begin: int, travel: int) -> int:
-        position = self.position()
+    def _moved_within(self, begin: int, travel: int) -> int:
+        moved = self.moved_since(begin)
         reach = _RUNAWAY * max(travel, self.encoder_increments)
-        if abs(position - begin) > reach:
+        if abs(moved) > reach:
             raise DeviceError(
                 self._device.name,
-                f"has moved {abs(position - begin) / self.encoder_increments:.1f} revolutions instead of "
+                f"has moved {abs(moved) / self.encoder_increments:.1f} revolutions instead of "
                 f"{travel / self.encoder_increments:.1f}: the load is more than the torque limit can hold",
             )
-        return position
+        return moved
 
     def _lead(self, target: Target, end: State) -> None:
         """Lead the drive through its states until it reports the wanted one, with its brake as it should be."""

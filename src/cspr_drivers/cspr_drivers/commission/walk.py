@@ -176,7 +176,7 @@ class Walk:
             self.ask.done(f"mark.{place}", f"   Mark cable {place} where it can be measured.")
             begin = drive.position()
             drive.move(winch.polarity * round(self.scale_way * drive.encoder_increments))
-            moved = drive.position() - begin
+            moved = drive.moved_since(begin)
             expected = way * winch.polarity * moved / (self.scale_way * drive.encoder_increments)
             measured = self.ask.number(f"measured.{place}", "   By how many mm was it paid out?", -1e4, 1e4)
             drive.move(-moved)
@@ -294,7 +294,7 @@ class Walk:
     # 7
 
     def take_home(self) -> None:
-        """Take the position values of the home pose."""
+        """Take the position values of the home pose, and the tensions there, which say how far cables are stretched."""
         if all(winch.home_counts is not None for winch in self.findings.winches.values()):
             return
         self.ask.tell("7. Home pose, where all motor angles are zero (home in robot.yaml).")
@@ -305,7 +305,15 @@ class Walk:
                 counts[place] = drive.position()
         for place, value in counts.items():
             self.findings.winches[place].home_counts = value
+        for place, cell in sorted(self.findings.cells.items()):
+            if cell.scale is not None and cell.offset is not None:
+                reading = self._cell(cell.device, place).reading()
+                cell.home_tension = cell.scale * reading - cell.offset
         self.keep(self.findings)
+        tensions = [cell.home_tension for _, cell in sorted(self.findings.cells.items())]
+        shown = ", ".join("?" if tension is None else f"{tension:z.1f}" for tension in tensions)
+        self.ask.tell("   Under these tensions; put them into robot.yaml, in place of those that it has:")
+        self.ask.tell(f"home_tensions: [{shown}]")
 
     # The devices
 

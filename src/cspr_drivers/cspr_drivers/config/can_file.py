@@ -11,6 +11,7 @@ from msgspec import Meta
 
 from cspr_drivers.canopen import frame_table
 from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
+from cspr_drivers.config.height_cost import ALLOWED_DROP, height_faults
 from cspr_drivers.config.identity import Identity
 from cspr_drivers.config.option_codes import OptionCodes
 from cspr_drivers.config.timeouts import Timeouts
@@ -97,6 +98,8 @@ class CanValues:
         Where motor speeds come from.
     velocity_filter
         Time constant of the filter of speeds that are differences of positions, s; 0 for none.
+    largest_motor_speed
+        Speed that no motor reaches, rad/s: a position or a speed (606Ch) that says so is not believed.
     emergency_stop_input
         Digital input of the drives that watches the emergency stop chain; `None` when it is wired to none.
     brake_open_bit
@@ -109,6 +112,8 @@ class CanValues:
         When a drive counts as one that does not apply its torque.
     timeouts
         Limits in time.
+    allowed_drop
+        Height that each limit in time may cost, m; see `height_cost`.
     """
 
     rate: Annotated[float, Meta(ge=CONTROL_RATE.minimum, le=CONTROL_RATE.maximum)]
@@ -116,12 +121,14 @@ class CanValues:
     master_node_id: NodeId
     velocity_source: VelocitySource
     velocity_filter: NotNegative = 0.0
+    largest_motor_speed: Positive = 1000.0
     emergency_stop_input: EmergencyStopInput | None
     brake_open_bit: Literal[8, 14, 15]
     option_codes: OptionCodes
     load_cell_checks: LoadCellChecks
     torque_check: TorqueCheck
     timeouts: Timeouts
+    allowed_drop: Annotated[float, Meta(gt=0.0, le=1.0)] = ALLOWED_DROP
 
     def brake_is_open(self, status_word: int) -> bool:
         """Return whether a drive reports its brake open."""
@@ -196,6 +203,8 @@ def faults(file: CanFile) -> Iterator[tuple[str, object, str]]:
     if file.timeouts.heartbeat_consumer <= file.timeouts.heartbeat_producer:
         value = file.timeouts.heartbeat_consumer
         yield "timeouts.heartbeat_consumer", value, "must be greater than heartbeat_producer"
+    check, limits = file.torque_check, [drive.torque_limit for drive in file.drives]
+    yield from height_faults(file.timeouts, check.time, check.difference, limits, file.allowed_drop)
 
 
 def _bus_faults(file: CanFile) -> Iterator[tuple[str, object, str]]:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 
 from cspr_drivers.clock import COMPUTER, Clock
+from cspr_drivers.thread_end import EndHandler, telling
 
 
 class CycleClock:
@@ -23,6 +24,8 @@ class CycleClock:
         thread.
     clock
         Clock of the machine.
+    on_end
+        Told when the thread has ended so.
 
     Attributes
     ----------
@@ -34,12 +37,19 @@ class CycleClock:
         Largest delay of a call behind its moment since the last `clear`, s.
     """
 
-    def __init__(self, period: float, tick: Callable[[float], None], clock: Clock = COMPUTER) -> None:
+    def __init__(
+        self,
+        period: float,
+        tick: Callable[[float], None],
+        clock: Clock = COMPUTER,
+        on_end: EndHandler = lambda problem: None,
+    ) -> None:
         self.period = period
         self.tick = tick
         self._clock = clock
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="cycle clock", daemon=True)
+        run = telling(self._run, "cycle clock", on_end)
+        self._thread = threading.Thread(target=run, name="cycle clock", daemon=True)
         self.clear()
 
     def start(self) -> None:

@@ -140,6 +140,10 @@ class CycleWatch:
         self._last_feedback = max(self._last_feedback, time)
         return len(self._answered) == self._frames
 
+    def has_answered(self, index: int) -> bool:
+        """Return whether the feedback of a drive has come in the present cycle."""
+        return index in self._answered
+
     def command(self, index: int, fresh: bool, time: float) -> None:
         """Note that a command was put on the bus at `time`."""
         if not fresh:

@@ -24,8 +24,10 @@ _ATTEMPTS = 2
 # Abort codes with which a device says that it does not have an object (CiA 301, section 7.2.4.3.17).
 _ABSENT = (0x0602_0000, 0x0609_0011)
 
-# Bytes of every SDO message, and the first one of those that abort a transfer (CiA 301, section 7.2.4.3).
-_SDO_SIZE, _ABORTED = 8, 0x80
+# Bytes of every SDO message, the first one of those that abort a transfer, and the command specifiers of requests that
+# go on with one, segment by segment (CiA 301, section 7.2.4.3).
+_SDO_SIZE, _ABORTED, _SEGMENT = 8, 0x80, (0, 3)
+_SEGMENTS = 16  # of an object: those of a driver have a few bytes; what does not come to an end is no content
 
 
 class _SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # canopen's classes count as untyped
@@ -35,6 +37,16 @@ class _SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # canopen's clas
         super().__init__(0x600 + node_id, 0x580 + node_id, canopen.ObjectDictionary())
         self._clock = clock
         self._timeout = timeout
+        self._segments = 0
+
+    def request_response(self, request: bytes) -> bytes:
+        """Return the answer to a request, as canopen's own client does; refuse an object without end."""
+        self._segments = self._segments + 1 if request[0] >> 5 in _SEGMENT else 0
+        if self._segments > _SEGMENTS:
+            self.abort()
+            raise SdoError(f"its content has more than {7 * _SEGMENTS} bytes")
+        answer: bytes = super().request_response(request)
+        return answer
 
     def read_response(self) -> bytes:
         """Return the answer to a request, as canopen's own client does; refuse one that is cut off."""
@@ -79,7 +91,7 @@ class CanopenDevice:
     ------
     DeviceError
         From all methods that read, write or send a command: if the device does not answer, refuses, or answers with
-        fewer bytes than the object has, or the bus does not take the frame.
+        other than the bytes that the object has, or the bus does not take the frame.
     """
 
     def __init__(
@@ -118,7 +130,8 @@ class CanopenDevice:
     def read(self, parameter: Parameter) -> int:
         """Return the number in an object; the parameter's value does not matter."""
         data = self._transfer(parameter, "read", _ATTEMPTS, self._node.sdo.upload)
-        if 8 * len(data) < parameter.bits:
+        # Some devices answer with 4 bytes whatever the object has.
+        if not parameter.bits <= 8 * len(data) <= 32:
             raise DeviceError(
                 self.name, f"{parameter} read: its content is {_content(data)}, not {parameter.bits // 8}"
             )

@@ -13,6 +13,7 @@ from queue import Empty, SimpleQueue
 
 from cspr_drivers.clock import COMPUTER, Clock, Thread
 from cspr_drivers.errors import DeviceError, WrongDeviceError
+from cspr_drivers.thread_end import EndHandler, telling
 
 
 class SetupThread:
@@ -33,6 +34,8 @@ class SetupThread:
         Clock of the machine.
     retry_interval
         After which devices that failed are tried again, s.
+    on_end
+        Told when the thread has ended by an error of its own.
     """
 
     def __init__(
@@ -43,6 +46,7 @@ class SetupThread:
         report: Callable[[str], None],
         clock: Clock = COMPUTER,
         retry_interval: float = 1.0,
+        on_end: EndHandler = lambda problem: None,
     ) -> None:
         self._names = tuple(names)
         self._configure = configure
@@ -50,6 +54,7 @@ class SetupThread:
         self._report = report
         self._clock = clock
         self._retry_interval = retry_interval
+        self._on_end = on_end
         self._lock = threading.Lock()
         self._problems: dict[int, str] = dict.fromkeys(range(len(self._names)), "not configured yet")
         self._requests = [0] * len(self._names)
@@ -61,7 +66,8 @@ class SetupThread:
 
     def start(self) -> None:
         """Begin to set up all devices."""
-        self._thread = self._clock.start(self._run, "device set-up")
+        name = "device set-up"
+        self._thread = self._clock.start(telling(self._run, name, self._on_end), name)
 
     def stop(self) -> None:
         """Stop; returns when the present device is finished."""

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cspr_drivers.canopen import frame_table
+from cspr_drivers.canopen.cia402 import decode_state
 from cspr_drivers.canopen.emergency import Emergency
 from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.canopen.nmt import NmtState
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.cycle.answer_balance import AnswerBalance
 from cspr_drivers.cycle.cycle_watch import CycleWatch
 from cspr_drivers.devices.setup import DriveFacts
 from cspr_drivers.drives.group import IN_MOTION, DriveGroup
@@ -48,6 +50,8 @@ class DriveCycle:
         Number of commands that were not passed on, and the newest of them in words.
     postponed
         SYNC frames left out since the drives were last enabled.
+    defect
+        Why this driver cannot be used until it is started again, in words; empty otherwise.
     """
 
     def __init__(self, config: CanConfig) -> None:
@@ -56,10 +60,13 @@ class DriveCycle:
         self.group = DriveGroup(config)
         self._feedback = MotorFeedback(config)
         self.watch = CycleWatch(count, self._feedback.frames)
+        frames = count * self._feedback.frames
+        self._balance = AnswerBalance(frames, config.timeouts.feedback, config.period)
         self.facts: list[DriveFacts | None] = [None] * count
         self.rejected = 0
         self.last_rejection = ""
         self.postponed = 0
+        self.defect = ""
         self._rpdos = [TorqueFrame(config, drive) for drive in config.drives]
         self._torque_watch = TorqueWatch(count, config.torque_check)
         heartbeat = cob_id(FunctionCode.HEARTBEAT, config.master_node_id)
@@ -89,6 +96,7 @@ class DriveCycle:
     def sync(self, now: float, stamp_ns: int) -> None:
         """Begin the cycle of a SYNC that goes out now; its stamp in ns of ROS time."""
         self.watch.sync(counted=self.group.state is DriverState.ENABLED)
+        self._balance.sync()
         self._sync_time = now
         self._sync_stamp = stamp_ns
 
@@ -99,6 +107,8 @@ class DriveCycle:
             self._heartbeat_due = now + self.config.timeouts.heartbeat_producer
             frames += self._heartbeats
         self.group.step(now)
+        if self._feedback.disbelieved and self.group.state is not DriverState.FAULT:
+            self._feedback.begin_anew()  # the operator has reset the fault
         deadline = now + self.config.period
         known = [drive.state is not None for drive in self.group.drives]
         for index, (rpdo, word) in enumerate(zip(self._rpdos, self.group.control_words, strict=True)):
@@ -113,19 +123,26 @@ class DriveCycle:
     def feedback(self, now: float, index: int, data: bytes | bytearray) -> MotorStates | None:
         """Process the first frame of a drive; return the motor states when it was the last one missing.
 
+        Of several that come in a cycle the first counts.
+
         Raises
         ------
         FrameError
             If the frame is cut short or too long, or its status word is that of no state.
         """
         status, position, torque = self.config.pdo.drive_tpdo.decode(data)
+        if self._is_repeated(now, index, index):
+            decode_state(status)  # what is no status word is counted all the same
+            return None
         self.group.feedback(index, status, now)
         if self.watch.is_late(index):
             return None
-        measured = self._feedback.measured(index, position, torque)
-        problem = self._torque_watch.answered(index, measured, now, self.group.operates(index))
-        if problem:
-            self.group.quick_stop(f"{self.config.drives[index].name} {problem}", now)
+        name, feedback = self.config.drives[index].name, self._feedback
+        if problem := feedback.measured(index, position, torque, self._sync_time):
+            self.group.quick_stop(f"{name}: {problem}", now)
+        applied, operates = feedback.torques[index], self.group.operates(index)
+        if problem := self._torque_watch.answered(index, applied, now, operates):
+            self.group.quick_stop(f"{name} {problem}", now)
         return self._answered(now, index)
 
     def velocity(self, now: float, index: int, data: bytes | bytearray) -> MotorStates | None:
@@ -133,10 +150,24 @@ class DriveCycle:
         (velocity,) = frame_table.DRIVE_TPDO2.decode(data)
         facts = self.facts[index]
         place = index + len(self.facts)
-        if facts is None or facts.velocity_unit is None or self.watch.is_late(place):
+        if self._is_repeated(now, index, place) or facts is None or facts.velocity_unit is None:
             return None
-        self._feedback.moves(index, velocity * facts.velocity_unit)
+        if self.watch.is_late(place):
+            return None
+        if problem := self._feedback.moves(index, velocity * facts.velocity_unit):
+            self.group.quick_stop(f"{self.config.drives[index].name}: {problem}", now)
         return self._answered(now, place)
+
+    def _is_repeated(self, now: float, index: int, place: int) -> bool:
+        """Return whether a frame of a drive is not the first in this cycle; one that no SYNC asked for is a fault."""
+        if self._balance.answered(place):
+            cause = f"{self.config.drives[index].name} answers one SYNC twice: another device has its node id"
+            self.group.quick_stop(cause, now)
+            self.group.explain(cause, now)
+        elif not self.watch.has_answered(place):
+            return False
+        self.watch.feedback(place, now)  # counts it
+        return True
 
     def _answered(self, now: float, place: int) -> MotorStates | None:
         if not self.watch.feedback(place, now):
@@ -177,6 +208,11 @@ class DriveCycle:
         """Stop, with that as the cause, when a bus no longer carries frames: other faults will follow from it."""
         return self._stop(now, f"bus {bus}: {problem}")
 
+    def thread_ended(self, now: float, problem: str) -> list[Frame]:
+        """Stop for good, moving or at rest, when one of the driver's threads has ended by an error."""
+        self.defect = self.defect or problem
+        return self.quick_stop(now, self.defect)
+
     # Torque commands.
 
     def command(self, now: float, index: int, stamp_ns: int, torque: float) -> list[Frame]:
@@ -209,6 +245,16 @@ class DriveCycle:
         self._torque_watch.told(index, torque)
         deadline = self._sync_time + self.config.period
         return [rpdo.make(self.group.control_words[index], deadline, (index, stamp_ns))]
+
+    def supervised(self, now: float, stamp_ns: int) -> None:
+        """Process the supervisor's sign of life, stamped with the newest motor states that it has checked.
+
+        It counts when these are as recent as those that commands answer: a supervisor that no longer hears any, and a
+        recording that is played back, watch nothing.
+        """
+        age = 1e-9 * (self._published_stamp - stamp_ns)
+        if 0.0 <= age <= self.config.timeouts.supervisor:
+            self.group.supervised(now)
 
     def sent(self, now: float, index: int, stamp_ns: int) -> None:
         """Note that the frame of a torque command was put on the bus."""
@@ -243,6 +289,10 @@ class DriveCycle:
         self.group.quick_stop(cause, now)
         return self._changed(now)
 
+    def fault_reset(self, now: float, index: int | None = None) -> str | None:
+        """Begin to reset faults of the drives and the latched cause, or that of one drive; return why not."""
+        return self.defect or self.group.fault_reset(now, index)
+
     def home_refusal(self, now: float) -> str | None:
         """Return why the present pose cannot become the home pose, or `None`.
 
@@ -256,6 +306,8 @@ class DriveCycle:
                 return f"{drive.name} does not report its position"
             if not drive.held:
                 return f"the brake of {drive.name} is open"
+            if index in self._feedback.disbelieved:
+                return f"the position of {drive.name} is not believed: reset the fault first"
         return None
 
     def counts(self) -> list[int]:

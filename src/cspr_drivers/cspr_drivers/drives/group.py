@@ -55,6 +55,7 @@ class DriveGroup:
         self._everyone = frozenset(range(count))
         self._heard = [-math.inf] * count
         self._commanded = [-math.inf] * count
+        self._supervised = -math.inf
         self._brake_is_open = config.brake_is_open
         self._timeouts = config.timeouts
         self._watch = TransitionWatch(count, config.timeouts)
@@ -116,17 +117,16 @@ class DriveGroup:
         cause = f"emergency stop: input of {drive.name}"
         if self.state in IN_MOTION:
             self.quick_stop(cause, time)
-        # A drive that stops by itself may say so before its input does.
-        elif (
-            self.state is DriverState.FAULT
-            and time - self._since < self._timeouts.feedback
-            and not self.cause.startswith("emergency stop")
-        ):
-            self.cause = f"{cause}; {self.cause}"
+        elif not self.cause.startswith("emergency stop"):
+            self.explain(cause, time)  # a drive that stops by itself may say so before its input does
 
     def commanded(self, index: int, time: float) -> None:
         """Note that an acceptable torque command for a drive arrived."""
         self._commanded[index] = time
+
+    def supervised(self, time: float) -> None:
+        """Note that the supervisor lives."""
+        self._supervised = time
 
     # What is commanded.
 
@@ -143,6 +143,8 @@ class DriveGroup:
         members = wanted | (self._members if singly else frozenset())
         if stale := self._without_command(time, members):
             return f"no fresh torque commands for {', '.join(stale)}"
+        if self._unsupervised(time, members):
+            return "no sign of life of the supervisor, without which one drive alone may be enabled: is it running?"
         self._members = members
         self._releasing = False
         self._enter(DriverState.ENABLING, "", time)
@@ -166,6 +168,12 @@ class DriveGroup:
             self._resetting = self._members = self._running = self._not_stopped = frozenset()
             self._clearing = False
             self._enter(DriverState.FAULT, cause, time)
+
+    def explain(self, cause: str, time: float) -> None:
+        """Name what has caused the fault that was latched a moment ago, where its effect was noticed first."""
+        recent = self.state is DriverState.FAULT and time - self._since < self._timeouts.feedback
+        if recent and cause not in self.cause:
+            self.cause = f"{cause}; {self.cause}"
 
     def fault_reset(self, time: float, index: int | None = None) -> str | None:
         """Begin to reset faults of the drives; return why not when that is refused.
@@ -280,6 +288,10 @@ class DriveGroup:
             self._drives[index].name for index in sorted(members) if time - self._commanded[index] > limit
         ]
 
+    def _unsupervised(self, time: float, members: frozenset[int]) -> bool:
+        """Return whether nobody watches drives that share the load; one alone, all others braked, needs nobody."""
+        return len(members) > 1 and not time - self._supervised <= self._timeouts.supervisor
+
     def _rest(self, time: float) -> None:
         present = self._present(time)
         reporting = [self._drives[k] for k in sorted(present)]
@@ -316,6 +328,8 @@ class DriveGroup:
         if stale := self._without_command(time, self._members):
             limit = 1e3 * self._timeouts.command
             return f"no torque command within {limit:.0f} ms for {', '.join(stale)}"
+        if self._unsupervised(time, self._members):
+            return f"no sign of life of the supervisor for {1e3 * (time - self._supervised):.0f} ms"
         for index in self._members:
             drive = self._drives[index]
             running = index in self._running

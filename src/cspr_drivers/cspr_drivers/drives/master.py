@@ -71,9 +71,14 @@ class DriveMaster:
         self._message = CyclicFrame(0)  # the one being sent
         self._heartbeats_due = 0.0
         self._started = self._stopped = False
-        self.cycle_clock = cycle_clock(config.period, self._tick, self._clock)
+        self.cycle_clock = cycle_clock(config.period, self._tick, self._clock, self._thread_ended)
         self._setup = SetupThread(
-            [str(drive) for drive in config.drives], self._configure, self._at_rest, report, self._clock
+            [str(drive) for drive in config.drives],
+            self._configure,
+            self._at_rest,
+            report,
+            self._clock,
+            on_end=self._thread_ended,
         )
         self._devices = [
             CanopenDevice(
@@ -141,6 +146,11 @@ class DriveMaster:
         """Count a command that could not be read; stop the drives when they are in motion."""
         self._act(self._cycle.unreadable, index, problem)
 
+    def supervised(self, stamp_ns: int) -> None:
+        """Note the supervisor's sign of life; see `DriveCycle.supervised`."""
+        with self._lock:
+            self._cycle.supervised(self._clock.monotonic(), stamp_ns)
+
     # The operator's commands.
 
     def enable(self, index: int | None = None) -> str | None:
@@ -162,7 +172,7 @@ class DriveMaster:
     def fault_reset(self, index: int | None = None) -> str | None:
         """Begin to reset faults and the latched cause, or the fault of one drive; return why not when refused."""
         with self._lock:
-            return self._cycle.group.fault_reset(self._clock.monotonic(), index)
+            return self._cycle.fault_reset(self._clock.monotonic(), index)
 
     def set_home(self) -> str | None:
         """Make the present pose the home pose and store it in the configuration file; return why not.
@@ -230,10 +240,15 @@ class DriveMaster:
         if wants_sync:
             self._ports.send_sync()
         for port in self._ports:
-            if port.failure:
+            if port.ended:
+                self._thread_ended(port.ended)
+            elif port.failure:
                 self._act(self._cycle.bus_failed, port.name, port.failure)
         self._watch_devices(now)
         self._act(self._cycle.step)
+
+    def _thread_ended(self, problem: str) -> None:
+        self._act(self._cycle.thread_ended, problem)
 
     def _act(self, act: Callable[..., list[Frame]], *arguments: object) -> None:
         """Call a method of the cycle with the time and its arguments, and send the frames that it returns."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.motion_watch import MotionWatch
 from cspr_drivers.drives.report import MotorStates
 
 
@@ -57,45 +58,72 @@ class MotorFeedback:
     Parameters
     ----------
     config
-        In how many frames the drives answer, and the units of each.
+        In how many frames the drives answer, the units of each, and what no motor can do.
 
     Attributes
     ----------
     frames
         Number of frames in which each drive answers a SYNC.
-    angles
-        Motor angles, rad (m,).
+    angles, torques
+        Newest motor angles that are believed, rad, and torques, N m (m,).
     """
 
     def __init__(self, config: CanConfig) -> None:
         self._drives = config.drives
+        self._watch = MotionWatch(len(config.drives), config.largest_motor_speed, config.period)
         self.frames = 1 if config.pdo.drive_tpdo_2 is None else 2
         self._difference = PositionDifference(config.velocity_filter) if self.frames == 1 else None
         self.angles = [0.0] * len(config.drives)
         self._speeds = [0.0] * len(config.drives)
-        self._torques = [0.0] * len(config.drives)
+        self.torques = [0.0] * len(config.drives)
 
-    def measured(self, index: int, position: int, torque: int) -> float:
-        """Store position and torque value of a drive; return its torque, N m."""
+    def measured(self, index: int, position: int, torque: int, time: float) -> str:
+        """Store position and torque value of a drive; return why the position cannot be, or an empty text.
+
+        Parameters
+        ----------
+        index
+            Of the drive.
+        position, torque
+            As they stand in the frame.
+        time
+            Moment of the SYNC at which they were latched, s.
+        """
         units = self._drives[index].units
-        self.angles[index] = units.angle(position)
-        self._torques[index] = measured = units.torque(torque)
-        return measured
+        self.torques[index] = units.torque(torque)
+        angle = units.angle(position)
+        problem = self._watch.position_problem(index, angle, time)
+        if index not in self._watch.disbelieved:
+            self.angles[index] = angle
+        return problem
 
-    def moves(self, index: int, velocity: float) -> None:
-        """Store the velocity of a drive, rad/s, with the sign of its encoder."""
-        self._speeds[index] = self._drives[index].units.polarity * velocity
+    def moves(self, index: int, velocity: float) -> str:
+        """Store the velocity of a drive, rad/s, with the sign of its encoder; return why it cannot be, or nothing."""
+        self._speeds[index] = speed = self._drives[index].units.polarity * velocity
+        return self._watch.speed_problem(index, speed)
+
+    @property
+    def disbelieved(self) -> tuple[int, ...]:
+        """Drives, from 0, whose positions are not believed until `begin_anew`; no states are published meanwhile."""
+        return tuple(sorted(self._watch.disbelieved))
+
+    def begin_anew(self) -> None:
+        """Believe what the drives tell next."""
+        self._watch.forget()
+        if self._difference is not None:
+            self._difference.clear()
 
     def states(self, stamp_ns: int, time: float) -> MotorStates | None:
-        """Return the motor states at a SYNC, stamp and monotonic time, s; `None` while there is no speed."""
+        """Return the motor states at a SYNC, stamp and monotonic time, s; `None` while none can be believed."""
+        if self._watch.disbelieved:
+            return None
         angles = tuple(self.angles)
         speeds = self._speeds if self._difference is None else self._difference.update(time, angles)
         if speeds is None:
             return None  # the first cycle has no speed yet
-        return MotorStates(stamp_ns, angles, tuple(speeds), tuple(self._torques))
+        return MotorStates(stamp_ns, angles, tuple(speeds), tuple(self.torques))
 
     def use(self, config: CanConfig) -> None:
         """Use the units of another configuration; the next angles have nothing to do with those before."""
         self._drives = config.drives
-        if self._difference is not None:
-            self._difference.clear()
+        self.begin_anew()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from cspr_drivers.canopen.cia404 import status_text
 from cspr_drivers.canopen.emergency import ActiveErrors, Emergency, after
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.cycle.answer_balance import AnswerBalance
 from cspr_drivers.cycle.cycle_watch import AnswerCounts, CycleWatch
 from cspr_drivers.load_cells.stuck_cells import StuckCells
 
@@ -75,6 +76,8 @@ class LoadCellCycle:
         self._values: list[float | None] = [None] * count  # of the present cycle
         self._last = self._values  # of the cycle before
         self._answers = CycleWatch(count)
+        self._balance = AnswerBalance(count, config.timeouts.feedback, config.period)
+        self._doubled = [-math.inf] * count  # when a cell has answered more often than it was asked
         self._cycles = 0
         self._incomplete = 0
         self._missing = [0] * count
@@ -95,6 +98,7 @@ class LoadCellCycle:
                         "silent" if index in silent else self._status[index]
                     )
         self._answers.sync(counted=False)
+        self._balance.sync()
         self.sync_time = now
         self._stamp_ns = stamp_ns
         self._values = [None] * len(self._cells)
@@ -104,17 +108,24 @@ class LoadCellCycle:
     ) -> tuple[int, tuple[float, ...]] | None:
         """Process the frame of a cell; return stamp and tensions (m,), N, of the SYNC when it was the last one missing.
 
+        Of several that come in a cycle the first valid one counts.
+
         Raises
         ------
         FrameError
             If the frame is cut short or too long.
         """
         value, status = self._layout.decode(data)
+        if self.sync_time is not None and self._balance.answered(index):
+            self._doubled[index] = now
+            return None
+        self._heard[index] = now
+        if self._values[index] is not None:
+            return None
         low, high = self._spans[index]
         problem = status_text(status) if status else "" if low < value < high else _SATURATED
-        self._heard[index] = now
         self._status[index] = problem
-        if self.sync_time is None or self._values[index] is not None:
+        if self.sync_time is None:
             return None
         # Amplifiers convert for a good part of a cycle. A value that comes after the next SYNC is counted as late and
         # used in the cycle in which it comes: unlike a position it is not differentiated.
@@ -155,6 +166,8 @@ class LoadCellCycle:
                 found[cell.name] = problem
             elif synchronous and now - self._heard[index] > self._silence:
                 found[cell.name] = "silent"
+            elif now - self._doubled[index] < self._silence:
+                found[cell.name] = "answers one SYNC twice: another device has its node id"
             elif self._status[index]:
                 found[cell.name] = self._status[index]
             elif index in self._stuck.stuck:

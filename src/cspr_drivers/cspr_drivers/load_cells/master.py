@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -88,8 +89,14 @@ class LoadCellMaster:
         self._tare_result = ""
         self._stopped = False
         self._taring: Thread | None = None
+        self._defect = ""  # why this driver cannot be used until it is started again
         self._setup = SetupThread(
-            [str(cell) for cell in config.load_cells], self._configure, lambda: True, report, self.clock
+            [str(cell) for cell in config.load_cells],
+            self._configure,
+            lambda: True,
+            report,
+            self.clock,
+            on_end=partial(setattr, self, "_defect"),
         )
         self._devices = [
             CanopenDevice(
@@ -154,6 +161,8 @@ class LoadCellMaster:
 
     def problems(self, now: float) -> dict[str, str]:
         """Return what is wrong with cells, by name; empty when all is well."""
+        if defect := next((port.ended for port in self._ports if port.ended), self._defect):
+            return {cell.name: defect for cell in self._config.load_cells}
         waiting = self._setup.problems
         with self._lock:
             return self._cycle.problems(now, waiting)
@@ -189,12 +198,13 @@ class LoadCellMaster:
 
     def _tare(self) -> None:
         result = "all load cells tared"
-        for device in self._devices:
-            try:
+        try:
+            for device in self._devices:
                 device.write(LOAD_CELL_TARE)
-            except DeviceError as error:
-                result = f"taring failed: {error}"
-                break
+        except Exception as error:  # whatever ends this thread is told
+            result = f"taring failed: {error}"
+            if not isinstance(error, DeviceError):
+                traceback.print_exception(error)
         with self._lock:
             self._tare_result = result
         self._report(result)

@@ -11,14 +11,15 @@ from cspr_drivers.driver_messages import drive_diagnostics, drive_states
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode
-from cspr_msgs_py.errors import MessageError
+from cspr_msgs_py.errors import MessageError, failure_text
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import advertise, run_nodes, subscribe_raw
-from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, motor_command, motor_names
+from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, SUPERVISOR_ALIVE, motor_command, motor_names
 from cspr_msgs_py.vocabulary import DriverState
 from cspr_msgs_py.wire.conversion import decode_joint
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.samples import Status
+from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 
 class CanDrives(DriverNode[DriveMaster]):
@@ -37,6 +38,9 @@ class CanDrives(DriverNode[DriveMaster]):
         for index, name in enumerate(names):
             codec = JointStateCodec((name,), position=False, velocity=False)
             subscribe_raw(self, motor_command(index + 1), partial(self._command, index, codec))
+        self.deaf_to_supervisor = False  # a fault on purpose
+        self._sign = topic_codec(SUPERVISOR_ALIVE, len(names)).decode
+        subscribe_raw(self, SUPERVISOR_ALIVE, self._supervised)
         self._offer("~", None, "quick stop commanded")
         self.service("~/set_home", self._set_home)
         for index, name in enumerate(names):
@@ -59,6 +63,12 @@ class CanDrives(DriverNode[DriveMaster]):
             self._master.stop()
             self.publish_states(self._master)
         super().end()
+
+    def failed(self, error: Exception) -> None:
+        """Stop the drives, and say what went wrong in a callback."""
+        if self._master is not None:
+            self._master.quick_stop(f"{self.get_name()} failed: {failure_text(error)}")
+        super().failed(error)
 
     def present(self, master: DriveMaster) -> object:
         """Return state and cause of all drives, and the state of each."""
@@ -90,7 +100,8 @@ class CanDrives(DriverNode[DriveMaster]):
         if refusal is None:
             self.config = master.config
             self.get_logger().warning(
-                f"the present pose is the home pose now, stored in {self.config.source}"
+                f"the present pose is the home pose now, stored in {self.config.source}; the tensions that the load "
+                "cells show there belong into home_tensions of robot.yaml"
             )
         return refusal
 
@@ -98,6 +109,16 @@ class CanDrives(DriverNode[DriveMaster]):
         self._states.publish(
             self._codec.encode(states.stamp_ns, states.angles, states.speeds, states.torques)
         )
+
+    def _supervised(self, buffer: bytes) -> None:
+        if self._master is None or self.deaf_to_supervisor:
+            return
+        try:
+            sign = self._sign(buffer)
+        except MessageError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+        else:
+            self._master.supervised(sign.stamp_ns)
 
     def _command(self, index: int, codec: JointStateCodec, buffer: bytes) -> None:
         master = self._master

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from lifecycle_msgs.srv import ChangeState
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -18,11 +20,12 @@ from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.driver_messages import bus_status
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.load_cells.master import LoadCellMaster
+from cspr_msgs_py.errors import failure_text
 from cspr_msgs_py.parameters.table import AUTOSTART, CAN_CONFIG
 from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.process import report_health, sample_publisher, steady_timer
 from cspr_msgs_py.topics import Topic
-from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.vocabulary import HealthKey, Level
 from cspr_msgs_py.wire.samples import Status, StatusArray
 
 # Threads of a driver hold the interpreter for microseconds; Python's default of 5 ms is longer than a cycle.
@@ -83,10 +86,11 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         self._published: object = None
         self._since_published = 0.0
         self._error: Exception | None = None
+        self._failure = ""  # not yet reported
         self._starting = autostart  # a failure then ends the process, which reports it
         self.prepare()
         steady_timer(self, _STATE_PERIOD, self._watch_states)
-        report_health(self, self._report)
+        self._report_now = report_health(self, self._report)
         for trigger in (self.trigger_configure, self.trigger_activate) if autostart else ():
             if trigger() is not TransitionCallbackReturn.SUCCESS and self._error is not None:
                 raise self._error
@@ -153,10 +157,29 @@ class DriverNode(LifecycleNode, Generic[_Master]):
         self.active = False
         self.end()
 
+    def failed(self, error: Exception) -> None:
+        """Say what went wrong in a callback, so that the supervisor stops the robot."""
+        self._failure = failure_text(error)
+        self._report_now()
+
     def destroy_node(self) -> None:
         """Destroy the node; give the buses back."""
         self._leave()
         super().destroy_node()
+
+    def _LifecycleNodeMixin__on_change_state(  # the name is rclpy's
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Refuse a transition that the present state does not have, where rclpy raises."""
+        try:
+            answer: ChangeState.Response = super()._LifecycleNodeMixin__on_change_state(request, response)
+        except RCLError as error:
+            self.get_logger().warning(
+                f"transition {request.transition.label or request.transition.id}: {error}"
+            )
+            response.success = False
+            return response
+        return answer
 
     def service(self, name: str, act: Callable[[_Master], str | None], needs_active: bool = False) -> None:
         """Offer a command; `act` returns why it is refused, or `None`.
@@ -214,6 +237,11 @@ class DriverNode(LifecycleNode, Generic[_Master]):
 
     def _report(self) -> list[Status]:
         master, ports = self._master, self._ports
+        if failure := self._failure:
+            self._failure = ""
+            return [
+                Status.of(self.get_name(), Level.ERROR, f"failed: {failure}", {HealthKey.FAILURE: failure})
+            ]
         if master is None or ports is None:
             return [Status.of(self.get_name(), Level.WARN, "not configured: no bus is open", {})]
         return [*self.diagnostics(master), *(bus_status(self.name, port) for port in ports)]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 from std_srvs.srv import Trigger
 
+from cspr_drivers.bus.shared_ports import SharedPorts
 from cspr_drivers.clock import COMPUTER, SlowClock
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.errors import DriverError
@@ -25,7 +28,7 @@ from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import report_health, run_nodes, sample_publisher, steady_timer, subscribe
-from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD
+from cspr_msgs_py.topics import PLATFORM_FRAME, SET_SIMULATED_PAYLOAD, SIMULATED_PAYLOAD, TRUE_POSE
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.samples import InertiaSample, Status
 
@@ -37,7 +40,7 @@ _LARGEST_LAG = 0.1  # s by which the plant may be behind the clock before diagno
 
 
 class SimulatedRobot(Node):
-    """Owner of the simulated machine: publishes its true payload and changes it on request.
+    """Owner of the simulated machine: publishes its true pose and payload, and changes the payload on request.
 
     Parameters
     ----------
@@ -52,6 +55,8 @@ class SimulatedRobot(Node):
         `can.yaml`, with the buses that the devices are on.
     clock
         Clock of the machine.
+    announce_sync
+        Told of each SYNC by a driver in this process: the true pose then bears the stamp of its motor states.
     """
 
     def __init__(self, virtual: bool = True, **options: Any) -> None:
@@ -63,10 +68,12 @@ class SimulatedRobot(Node):
         simulation = SimulationConfig.from_yaml(values["simulation_config"])
         eds_directory = Path(self.config.source).parent / "eds"
         self._emulator = RobotEmulator(
-            self.config, simulation, _plant(simulation), eds_directory, values["bus_timing"], self.clock
-        )
+            self.config, simulation, _plant(simulation), eds_directory, values["bus_timing"], self.clock,
+            sample_publisher(self, TRUE_POSE),
+        )  # fmt: skip
         self._send_payload = sample_publisher(self, SIMULATED_PAYLOAD)
         subscribe(self, SET_SIMULATED_PAYLOAD, self._set_payload)
+        self.announce_sync = self._emulator.announce_sync
         self._refused_payloads = 0
         self._slack: tuple[int, ...] = ()
         self._slack_events = 0
@@ -75,6 +82,23 @@ class SimulatedRobot(Node):
         self.create_service(Trigger, "~/clear_faults", self._clear_faults)
         steady_timer(self, _PAYLOAD_PERIOD, self._watch)
         report_health(self, self._report)
+
+    def let_supervisor_be_killed(self, drives: CanDrives) -> None:
+        """Let the fault of that name make a driver deaf to the supervisor, which lives in another process."""
+
+        def hear(deaf: bool) -> None:
+            drives.deaf_to_supervisor = deaf
+
+        def kill() -> Callable[[], None]:
+            hear(deaf=True)
+            return partial(hear, deaf=False)
+
+        self._emulator.faults.kill_supervisor = kill
+
+    def failed(self, error: Exception) -> None:
+        """End the process when the machine has failed: there is nothing left to be driven."""
+        if self._emulator.machine.failure is not None:
+            raise self._emulator.machine.failure
 
     def destroy_node(self) -> None:
         """Destroy the node, after the drivers: the devices go with it."""
@@ -165,8 +189,14 @@ def on_virtual_buses(config: CanConfig) -> CanConfig:
 def create_nodes(**options: Any) -> list[Node]:
     """Return the drivers' nodes and, destroyed last, the one that owns the simulated machine."""
     simulated = SimulatedRobot(**options)
-    drives = CanDrives(simulated.config, clock=simulated.clock, **options)
-    return [drives, LoadCells(simulated.config, drives.shared_ports, **options), simulated]
+    ports = SharedPorts(simulated.config, simulated.clock, simulated.announce_sync)
+    drives = CanDrives(simulated.config, ports, **options)
+    simulated.let_supervisor_be_killed(drives)
+    return [
+        drives,
+        LoadCells(simulated.config, ports, **options),
+        simulated,
+    ]
 
 
 def _plant(simulation: SimulationConfig) -> Plant:

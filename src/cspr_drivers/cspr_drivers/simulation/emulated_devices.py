@@ -15,6 +15,7 @@ from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import SimulationConfig
+from cspr_msgs_py.wire.samples import PoseSample
 
 if TYPE_CHECKING:
     from cspr_drivers.simulation.plant.plant import Plant
@@ -76,6 +77,9 @@ class EmulatedDevices:
             for index, config in enumerate(can_config.load_cells)
         )
         self.conversion_time = simulation.load_cells.conversion_time
+        self._half_period_ns = round(0.5e9 * can_config.period)
+        self._stamp_ns = 0  # of the cycle whose SYNC a driver of this process has announced last; 0 for none
+        self._posed_ns = 0  # stamp of the true pose that was returned last
         self._nodes: tuple[EmulatedNode, ...] = (*self.drives, *self.load_cells)
         self._buses = [drive.bus for drive in can_config.drives] + [
             cell.bus for cell in can_config.load_cells
@@ -105,6 +109,25 @@ class EmulatedDevices:
         for cell in cells:
             cell.latch()
         return cells
+
+    def announce_sync(self, now: float, stamp_ns: int) -> None:
+        """Note the stamp of the motor states of the SYNC that comes next; a handler of `CanPorts.on_sync`."""
+        self._stamp_ns = stamp_ns
+
+    def true_pose(self, system_ns: int) -> PoseSample | None:
+        """Return the pose of the platform as measured at a SYNC; None if another bus had this cycle's SYNC before.
+
+        Parameters
+        ----------
+        system_ns
+            When the SYNC was on the bus, ns of ROS time: the stamp where no driver of this process has announced it.
+        """
+        stamp = self._stamp_ns or system_ns
+        if stamp - self._posed_ns < self._half_period_ns:
+            return None
+        self._posed_ns = stamp
+        plant = self.machine.plant
+        return PoseSample(stamp, plant.platform_position(), plant.platform_quaternion())
 
     def tick(self, time: float, supervise: bool = True) -> None:
         """Let all devices do what is due; see `EmulatedNode.tick`."""

@@ -27,6 +27,7 @@ from cspr_drivers.simulation.emulated_devices import EmulatedDevices
 from cspr_drivers.simulation.fault_injection import FaultInjector
 from cspr_drivers.simulation.simulation_config import SimulationConfig
 from cspr_kinematics import KinematicsError, Payload
+from cspr_msgs_py.wire.samples import PoseSample
 
 if TYPE_CHECKING:
     from cspr_drivers.simulation.plant.plant import Plant
@@ -57,6 +58,8 @@ class RobotEmulator(EmulatedDevices):
         As of `EmulatedDevices`.
     bus_timing
         Whether frames on virtual buses take as long as on a real bus, see `TimedBus`.
+    publish_pose
+        Given the true pose of the platform once per SYNC, when the amplifiers have answered it.
 
     Attributes
     ----------
@@ -81,9 +84,11 @@ class RobotEmulator(EmulatedDevices):
         eds_directory: Path,
         bus_timing: bool = False,
         clock: Clock = COMPUTER,
+        publish_pose: Callable[[PoseSample], None] = lambda sample: None,
     ) -> None:
         super().__init__(can_config, simulation, plant, eds_directory, clock)
         self._clock = clock
+        self._publish_pose = publish_pose
         # The torques of a cycle are applied while the amplifiers convert, or by the next SYNC: their sender
         # need not wait for the plant.
         self.machine.inputs_at_once = 2 * len(self.drives)
@@ -94,7 +99,9 @@ class RobotEmulator(EmulatedDevices):
         self._stopping = threading.Event()
         # How far the plant moves on after a SYNC while there is time for it: never past the next one.
         self._head_start = self.conversion_time if self.conversion_time < can_config.period else 0.0
-        self._conversions: SimpleQueue[tuple[float, tuple[LoadCellEmulator, ...]] | None] = SimpleQueue()
+        self._conversions: SimpleQueue[
+            tuple[float, tuple[LoadCellEmulator, ...], PoseSample | None] | None
+        ] = SimpleQueue()
         self._converter = threading.Thread(target=self._convert, name="amplifiers", daemon=True)
         self._ticker = threading.Thread(target=self._keep_time, name="emulated devices", daemon=True)
         try:
@@ -205,18 +212,21 @@ class RobotEmulator(EmulatedDevices):
                 self.missed_syncs += 1
                 return
             load_cells = self.measure(network, time)
+            pose = self.true_pose(round(1e9 * machine.system_time(time)))
             if self.conversion_time == 0.0:
                 for cell in load_cells:
                     cell.answer()
                 self._tick_after_sync(time)
             else:
-                self._conversions.put((time, load_cells))
+                self._conversions.put((time, load_cells, pose))
+        if self.conversion_time == 0.0 and pose is not None:
+            self._publish_pose(pose)
 
     def _convert(self) -> None:
         """Let the amplifiers answer each SYNC when their conversion is done."""
         machine = self.machine
         while (conversion := self._conversions.get()) is not None:
-            time, load_cells = conversion
+            time, load_cells, pose = conversion
             self._clock.sleep(max(0.0, time + self.conversion_time - machine.now()))
             with machine.lock:
                 for cell in load_cells:
@@ -228,6 +238,8 @@ class RobotEmulator(EmulatedDevices):
                     self._tick_after_sync(time)
                 except DriverError:
                     return  # the plant failed, and `failure` says why
+            if pose is not None:
+                self._publish_pose(pose)
 
     def _keep_time(self) -> None:
         machine = self.machine

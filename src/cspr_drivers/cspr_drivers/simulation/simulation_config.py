@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -25,10 +25,12 @@ from cspr_kinematics.robot.robot_description import PulleysEntry
 
 LARGEST_SEED = 2**32 - 1
 
+_Angle = Annotated[float, Meta(ge=-1.2, le=1.2)]
+
 
 @dataclass(frozen=True)
 class CableProperties:
-    """Elastic, massless cables.
+    """Elastic cables with weight, and the pulleys over which they run.
 
     Attributes
     ----------
@@ -37,12 +39,18 @@ class CableProperties:
     damping_time
         Ratio of damping to stiffness of a taut cable, s.
     dead_length
-        Length between drum and exit point, which stretches too, m.
+        Length between drum and exit point, which stretches too, m; its weight is carried on the way.
+    mass_per_metre
+        Mass of the cable, kg/m.
+    pulley_friction
+        Share of the tension that the friction of a pulley takes.
     """
 
     axial_stiffness: Annotated[float, Meta(ge=1.0)]
     damping_time: NotNegative
     dead_length: NotNegative
+    mass_per_metre: NotNegative = 0.0
+    pulley_friction: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
 
 
 @dataclass(frozen=True)
@@ -64,10 +72,14 @@ class DriveProperties:
         Velocity feedback of the drive during a quick stop, N m s/rad.
     quick_stop_time
         Longest time that the drive takes to stop its motor before the brake closes all the same, s.
+    no_load_speed_ratio
+        Speed at which a motor drives nothing any more, as its supply's voltage is used up, over its speed limit, up to
+        which it has its full torque.
     """
 
     quick_stop_damping: NotNegative
     quick_stop_time: NotNegative
+    no_load_speed_ratio: Annotated[float, Meta(ge=1.01, le=10.0)] = 1.1
 
 
 @dataclass(frozen=True)
@@ -93,16 +105,50 @@ class LoadCellProperties:
 
 
 @dataclass(frozen=True)
+class Sling:
+    """An elastic sling, by which a payload hangs on the point of the platform that is else its centre of mass.
+
+    Attributes
+    ----------
+    length
+        Without load, m.
+    stiffness
+        N/m.
+    damping_time
+        Ratio of damping to stiffness, s.
+    deflection
+        Angles by which it is out of plumb at the beginning, towards x and y of `base`, rad.
+    """
+
+    length: Positive
+    stiffness: Annotated[float, Meta(ge=1.0)]
+    damping_time: NotNegative = 0.0
+    deflection: tuple[_Angle, _Angle] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class PayloadChange:
-    """A payload that is there from `time` (s after the start of the simulation) on."""
+    """A payload that comes aboard `time`, s, after the start of the simulation, and takes `duration`, s, for it."""
 
     time: float
     payload: Payload
+    duration: float = 0.0
+    sling: Sling | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationValues:
-    """What is used as it stands in the file; `time_step` is the longest step of the integration, s."""
+    """What is used as it stands in the file.
+
+    Attributes
+    ----------
+    table_height
+        Height of what loads on slings rest on, m.
+    time_step
+        Longest step of the integration, s.
+    seed
+        Of the noise.
+    """
 
     cables: CableProperties
     brake: BrakeProperties
@@ -111,6 +157,7 @@ class SimulationValues:
     # the fastest mode, the platform turning on its cables, is near 100 Hz
     time_step: Annotated[float, Meta(gt=0.0, le=2e-3, description="or the cables are not integrated stably")]
     seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+    table_height: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +167,12 @@ class SimulationConfig(SimulationValues):
     robot: Robot
     payload: Payload
     payload_changes: tuple[PayloadChange, ...]
+    sling: Sling | None = None
+
+    @property
+    def has_sling(self) -> bool:
+        """Whether the payload hangs on a sling, now or later."""
+        return self.sling is not None or any(change.sling is not None for change in self.payload_changes)
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> SimulationConfig:
@@ -133,9 +186,11 @@ class SimulationConfig(SimulationValues):
         with as_configuration_error():
             return _config(structured(_File, read_yaml(path), str(path)), Path(path))
 
-    def with_payload(self, payload: Payload, *changes: PayloadChange) -> SimulationConfig:
-        """Return the same machine carrying another payload."""
-        return dataclasses.replace(self, payload=payload, payload_changes=changes)
+    def with_payload(
+        self, payload: Payload, *changes: PayloadChange, sling: Sling | None = None
+    ) -> SimulationConfig:
+        """Return the same machine carrying another payload, on a sling if one is given."""
+        return dataclasses.replace(self, payload=payload, payload_changes=changes, sling=sling)
 
 
 @dataclass(frozen=True)
@@ -154,17 +209,19 @@ class _TrueValues:
 
 @dataclass(frozen=True)
 class _PayloadEntry:
-    """Mass in kg, its centre in m in platform axes."""
+    """Mass in kg, its centre, or where its sling is fixed, in m in platform axes."""
 
     mass: NotNegative
     center_of_mass: Vector
+    sling: Sling | None = None
 
 
 @dataclass(frozen=True)
 class _PayloadChangeEntry(_PayloadEntry):
-    """What is aboard from `time`, s, on."""
+    """What is aboard from `time`, s, on; `duration`, s, is how long it takes to come aboard."""
 
-    time: NotNegative
+    time: NotNegative = field(kw_only=True)
+    duration: NotNegative = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,6 +239,14 @@ def _config(file: _File, path: Path) -> SimulationConfig:
         believed = Robot.from_yaml(path.parent / file.robot)
     except ConfigurationFileError as error:
         raise ConfigurationFileError(str(path), "robot", file.robot, str(error)) from error
+    for place, change in enumerate(file.payload_changes):
+        if change.sling is not None and change.duration > 0.0:
+            problem = (
+                "a payload on a sling comes aboard at once, or by being lifted off table_height: leave it out"
+            )
+            raise ConfigurationFileError(
+                str(path), f"payload_changes[{place}].duration", change.duration, problem
+            )
     _require_one_for_each_cable(file, believed.number_of_cables, str(path))
     with located(str(path)):
         robot = _true_robot(believed, file.true_values, str(path))
@@ -190,7 +255,9 @@ def _config(file: _File, path: Path) -> SimulationConfig:
         robot=robot,
         **{field.name: getattr(file, field.name) for field in dataclasses.fields(SimulationValues)},
         payload=Payload(file.payload.mass, file.payload.center_of_mass),
-        payload_changes=tuple(PayloadChange(c.time, Payload(c.mass, c.center_of_mass)) for c in changes),
+        payload_changes=tuple(
+            PayloadChange(c.time, Payload(c.mass, c.center_of_mass), c.duration) for c in changes
+        ),
     )
 
 

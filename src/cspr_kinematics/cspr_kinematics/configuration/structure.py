@@ -136,7 +136,7 @@ def _alternative(kind: Any, value: object) -> Any:
         return NoneType
     lists = [one for one in alternatives if get_origin(one) in (list, tuple)]
     others = [one for one in alternatives if one is not NoneType and one not in lists]
-    return (lists if isinstance(value, list | tuple) and lists else others)[0]
+    return (lists if lists and (isinstance(value, list | tuple) or not others) else others)[0]
 
 
 def _fault(kind: Any, value: object) -> str:

@@ -7,20 +7,17 @@ without aliases. `cspr_msgs_py.parameters.file` reads those the same way; a test
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError
-from ruamel.yaml.error import MantissaNoDotYAML1_1Warning
+from ruamel.yaml.constructor import SafeConstructor
 from ruamel.yaml.events import AliasEvent, ScalarEvent
+from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.resolver import VersionedResolver
 
 from cspr_kinematics.errors import ConfigurationFileError
-
-warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
-
 
 _PLAIN = {  # what a text without quotes may be besides a text, as ROS has it
     "null": r"~|null|Null|NULL|",
@@ -51,9 +48,19 @@ class _Composer(Composer):
         raise ComposerError(None, None, problem, event.start_mark)
 
 
+class _Constructor(SafeConstructor):
+    """Without the warning that 1e-3 has no dot: it is a number for ROS as well."""
+
+    def construct_yaml_float(self, node: ScalarNode) -> float:
+        return float(self.construct_scalar(node).lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+_Constructor.add_constructor("tag:yaml.org,2002:float", _Constructor.construct_yaml_float)
+
+
 def _yaml(kind: str) -> YAML:
     yaml = YAML(typ=kind, pure=True)
-    yaml.Resolver, yaml.Composer = _Resolver, _Composer
+    yaml.Resolver, yaml.Composer, yaml.Constructor = _Resolver, _Composer, _Constructor
     return yaml
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from cspr_kinematics.arrays import FloatArray, broadcast_batch, checked, frozen
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.dynamics._dynamics import GRAVITY_Z, required_wrenches
+from cspr_kinematics.motion.motion import motion_arrays
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot.rigid_body import Payload
 from cspr_kinematics.robot.robot import Robot
@@ -50,9 +51,9 @@ def required_wrench(
     InvalidInputError
         If the batch axes do not broadcast, or the external wrench is not finite or has another shape.
     """
-    batch, arrays = _motion_arrays(pose, twist, acceleration)
+    batch, (_, rotations, twists, accelerations) = motion_arrays(pose, twist, acceleration)
     wrench = np.empty((math.prod(batch), 6))
-    required_wrenches(_total_parameters(robot, payload), *arrays, wrench)
+    required_wrenches(_total_parameters(robot, payload), rotations, twists, accelerations, wrench)
     return _less_external(wrench.reshape((*batch, 6)), external_wrench)
 
 
@@ -89,10 +90,12 @@ def balance_regressor(pose: Pose, twist: Twist, acceleration: Acceleration) -> F
     InvalidInputError
         If the batch axes do not broadcast.
     """
-    batch, arrays = _motion_arrays(pose, twist, acceleration)
+    batch, (_, rotations, twists, accelerations) = motion_arrays(pose, twist, acceleration)
     columns = np.empty((10, math.prod(batch), 6))
     for unit, column in zip(_UNIT_PARAMETERS, columns, strict=True):
-        required_wrenches(unit, *arrays, column)  # linear in the parameters: of each alone, with the value 1
+        required_wrenches(
+            unit, rotations, twists, accelerations, column
+        )  # linear in the parameters: of each alone, with the value 1
     return np.moveaxis(columns, 0, -1).reshape(*batch, 6, 10)
 
 
@@ -104,30 +107,6 @@ def _total_parameters(robot: Robot, payload: Payload | None) -> FloatArray:
     total: FloatArray = parameters + payload.inertial_parameters
     total.setflags(write=False)
     return total
-
-
-def _motion_arrays(
-    pose: Pose, twist: Twist, acceleration: Acceleration
-) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray]]:
-    """Return the common batch axes, and Q, [v; omega] and [a; alpha] in the form that kernels take.
-
-    Raises
-    ------
-    InvalidInputError
-        If the batch axes do not broadcast.
-    """
-    batch = pose.batch_shape
-    Q, velocities, accelerations = pose.rotation, twist.vector, acceleration.vector
-    if twist.batch_shape != batch or acceleration.batch_shape != batch:
-        batch = broadcast_batch(pose=batch, twist=twist.batch_shape, acceleration=acceleration.batch_shape)
-        Q = np.broadcast_to(Q, (*batch, 3, 3))
-        velocities, accelerations = (np.broadcast_to(x, (*batch, 6)) for x in (velocities, accelerations))
-    n = math.prod(batch)
-    return batch, (
-        kernel_input(Q, n, 3, 3),
-        kernel_input(velocities, n, 6),
-        kernel_input(accelerations, n, 6),
-    )
 
 
 def _less_external(wrench: FloatArray, external_wrench: ArrayLike | None) -> FloatArray:

@@ -53,6 +53,16 @@ def length_errors(
 
 
 @kernel
+def cosine_between(one: FloatArray, other: FloatArray) -> float:
+    """Return the cosine of the angle between two rotations (3, 3)."""
+    trace = 0.0
+    for i in range(3):
+        for j in range(3):
+            trace += one[i, j] * other[i, j]
+    return 0.5 * (trace - 1.0)
+
+
+@kernel
 def improve_pose(
     geometry: FloatArray,
     target: FloatArray,

@@ -1,4 +1,4 @@
-"""Search for the pose below the frame that fits lengths, without a guess (docs/model.md, section 5)."""
+"""Search for all poses below the frame that fit lengths, without a guess (docs/model.md, section 5)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ import numpy as np
 
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
-from cspr_kinematics.kinematics._iteration import BEYOND_PULLEY, CONVERGED, improve_pose, length_errors
+from cspr_kinematics.kinematics._iteration import (
+    BEYOND_PULLEY,
+    CONVERGED,
+    cosine_between,
+    improve_pose,
+    length_errors,
+)
 from cspr_kinematics.motion._linear import assign_matrix, assign_vector, fill_matrix, fill_vector
 
-# A pose that fits this well (root of the mean square, m) ends the search.
-EXACT_FIT = 1e-7
 _POSITION_ITERATIONS = 12
-# Sums of squared errors within this factor of the least are about equally well explained by noise.
-ABOUT_AS_WELL = 30.0
+# Poses turned by less than this from each other are one pose: cosine of 3 degrees.
+SAME = 0.9986
 
 # How a search ended, in addition to the outcomes of an iteration.
 ABOVE_FRAME = 4
+AMBIGUOUS = 7
 
 
 @kernel
@@ -38,6 +43,38 @@ def above_frame(geometry: FloatArray, frame: FloatArray, position: FloatArray, r
 
 
 @kernel
+def improve_from(
+    geometry: FloatArray,
+    frame: FloatArray,
+    mirrored: bool,
+    target: FloatArray,
+    weights: FloatArray,
+    max_iterations: int,
+    position: FloatArray,
+    rotation: FloatArray,
+    error: FloatArray,
+    jacobian: FloatArray,
+) -> tuple[int, int, float]:
+    """Improve a pose that may be far off: the position alone first, which is a well-behaved problem.
+
+    With `mirrored`, a position above the frame is taken to the same distance below it in between.
+    """
+    status, total, cost = improve_pose(
+        geometry, target, weights, 3, _POSITION_ITERATIONS, position, rotation, error, jacobian
+    )
+    if status == BEYOND_PULLEY:
+        return status, total, cost
+    if mirrored and above_frame(geometry, frame, position, rotation):
+        height = frame[0] * position[0] + frame[1] * position[1] + frame[2] * position[2] - frame[3]
+        for j in range(3):
+            position[j] -= 2.0 * height * frame[j]
+    status, count, cost = improve_pose(
+        geometry, target, weights, 6, max_iterations, position, rotation, error, jacobian
+    )
+    return status, total + count, cost
+
+
+@kernel
 def search_pose(
     geometry: FloatArray,
     frame: FloatArray,
@@ -45,69 +82,63 @@ def search_pose(
     center: FloatArray,
     target: FloatArray,
     weights: FloatArray,
-    noise: float,
+    limit: float,
+    rivalry: float,
     max_iterations: int,
     position: FloatArray,
     rotation: FloatArray,
     error: FloatArray,
     jacobian: FloatArray,
+    other: FloatArray,
 ) -> tuple[int, int, float]:
     """Find a pose without a guess: a fit below the frame, from orientations (s, 3, 3), the first at home.
 
-    For each, the position alone is found first, from `center`, which is a well-behaved problem; then the
-    pose. The search ends at an exact fit. Lengths with errors have none, and a platform that is small
-    compared with them fits about as well upside down: of the poses that fit about as well as the best, or
-    whose errors have a root mean square below `noise`, the one turned least from home is taken.
+    A platform that is small compared with its cables fits their lengths about as well when turned over, and six
+    lengths fit many poses. Of those whose costs are within `limit`, and not above the least by more than `rivalry`,
+    the one turned least from home is taken. If there are others the outcome is AMBIGUOUS, and `other`
+    (12,) the next best, position and rotation.
     """
-    m = geometry.shape[0]
     count = starts.shape[0]
-    p, Q, e, J = np.empty(3), np.empty((3, 3)), np.empty(m), np.empty((m, 6))
+    p, Q = np.empty(3), np.empty((3, 3))
     positions, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
     statuses, costs = np.empty(count, dtype=np.int64), np.full(count, math.inf)
-    best_cost, total, exact = math.inf, 0, -1
+    best, best_cost, total = -1, math.inf, 0
     for s in range(count):
         assign_vector(p, center)
         assign_matrix(Q, starts[s])
-        status, cost = CONVERGED, math.inf
-        for stage in range(2):
-            unknowns, limit = (3, _POSITION_ITERATIONS) if stage == 0 else (6, max_iterations)
-            status, iterations, cost = improve_pose(geometry, target, weights, unknowns, limit, p, Q, e, J)
-            total += iterations
-            if status == BEYOND_PULLEY:
-                break
-            if stage == 0 and above_frame(geometry, frame, p, Q):
-                # mirrored: the same distance below the plane
-                height = frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2] - frame[3]
-                for j in range(3):
-                    p[j] -= 2.0 * height * frame[j]
+        status, iterations, cost = improve_from(
+            geometry, frame, True, target, weights, max_iterations, p, Q, error, jacobian
+        )
+        total += iterations
         if status == BEYOND_PULLEY or above_frame(geometry, frame, p, Q):
             continue
         statuses[s], costs[s] = status, cost
         assign_vector(positions[s], p)
         assign_matrix(rotations[s], Q)
-        best_cost = min(best_cost, cost)
-        if status == CONVERGED and 2.0 * cost <= m * EXACT_FIT * EXACT_FIT:
-            exact = s
-            break
-    if best_cost == math.inf:
+        if cost < best_cost:
+            best, best_cost = s, cost
+    if best < 0:
         fill_vector(error, math.nan)
         fill_matrix(jacobian, math.nan)
         assign_vector(position, center)
         assign_matrix(rotation, starts[0])
         return ABOVE_FRAME, total, best_cost
 
-    chosen, least_turned = exact, -math.inf
-    acceptable = max(ABOUT_AS_WELL * best_cost, 0.5 * m * noise * noise)
+    acceptable = min(limit, best_cost + rivalry)
+    chosen, least_turned = best, -math.inf
     for s in range(count):
-        if exact < 0 and costs[s] <= acceptable:
-            # 1 + 2 cos of the angle from the orientation at home; any minimum that was reached is preferred
-            turned = 4.0 if statuses[s] == CONVERGED else 0.0
-            for i in range(3):
-                for j in range(3):
-                    turned += rotations[s, i, j] * starts[0, i, j]
-            if turned > least_turned:
-                chosen, least_turned = s, turned
+        if statuses[s] == CONVERGED and costs[s] <= acceptable:
+            cosine = cosine_between(rotations[s], starts[0])
+            if cosine > least_turned:
+                chosen, least_turned = s, cosine
+    status, next_cost = int(statuses[chosen]), math.inf
+    for s in range(count):
+        rival = statuses[s] == CONVERGED and costs[s] <= min(acceptable, next_cost)
+        if rival and cosine_between(rotations[s], rotations[chosen]) < SAME:
+            status, next_cost = AMBIGUOUS, costs[s]
+            assign_vector(other[:3], positions[s])
+            assign_vector(other[3:], rotations[s].ravel())
     assign_vector(position, positions[chosen])
     assign_matrix(rotation, rotations[chosen])
     cost = length_errors(geometry, target, weights, position, rotation, error, jacobian)
-    return int(statuses[chosen]), total, cost
+    return status, total, cost

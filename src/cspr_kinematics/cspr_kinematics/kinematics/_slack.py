@@ -9,7 +9,6 @@ import numpy as np
 from cspr_kinematics.arrays import FloatArray
 from cspr_kinematics.compiled import kernel
 from cspr_kinematics.kinematics._iteration import CONVERGED, improve_pose
-from cspr_kinematics.kinematics._search import ABOUT_AS_WELL, EXACT_FIT
 from cspr_kinematics.motion._linear import assign_matrix, assign_vector, fill_vector
 
 # Outcome of the search for slack cables.
@@ -19,39 +18,12 @@ SLACK_OF_ONE = 2  # of one cable, and it cannot be told which
 
 
 @kernel
-def _misfit(error: FloatArray, weights: FloatArray) -> float:
-    """Return the largest of the length errors that have a weight."""
-    largest = 0.0
-    for i in range(error.shape[0]):
-        if weights[i] > 0.0:
-            largest = max(largest, abs(error[i]))
-    return largest
-
-
-@kernel
-def fits(
-    error: FloatArray, weights: FloatArray, deviation: FloatArray, max_residual: float, max_misfit: float
-) -> bool:
-    """Whether no error exceeds its limit, nor the weighted sum of squares its own, which may be infinite."""
-    if _misfit(error, weights) > max_residual:
-        return False
-    if max_misfit == math.inf:
-        return True
-    total = 0.0
-    for i in range(error.shape[0]):
-        if weights[i] > 0.0:
-            total += (error[i] / deviation[i]) ** 2
-    return total <= max_misfit
-
-
-@kernel
 def find_slack(
     geometry: FloatArray,
     target: FloatArray,
     weights: FloatArray,
-    deviation: FloatArray,
-    max_residual: float,
-    max_misfit: FloatArray,
+    limits: FloatArray,
+    rivalry: float,
     max_iterations: int,
     position: FloatArray,
     rotation: FloatArray,
@@ -61,9 +33,9 @@ def find_slack(
     """Look for cables without which the others fit; fill in by how much they are slack.
 
     Cables are left out one after the other, each time the one without which the rest fits best; at least seven
-    are left, because six cables fit any lengths. Only a cable that is longer than its path can be slack. Where
-    one cable is left out and the rest fits about as well without another one instead, it may be either: `slack`
-    then says how slack each of them would be.
+    are left, because six cables fit any lengths. k cables fit at a cost within `limits[k]`. Only a cable that is
+    longer than its path can be slack. Where one cable is left out and the rest fits about as well without another
+    one instead, it may be either: `slack` then says how slack each of them would be.
     """
     m = geometry.shape[0]
     left = np.empty(m)
@@ -75,6 +47,7 @@ def find_slack(
     count = m
     while count > 7:
         best, best_cost = -1, math.inf
+        count -= 1
         fill_vector(own_costs, math.inf)
         for k in range(m):
             if left[k] == 0.0:
@@ -91,8 +64,7 @@ def find_slack(
                             Q[j, i] = home[3 + 3 * j + i]
                 status, _, cost = improve_pose(geometry, target, left, J.shape[1], max_iterations, p, Q, e, J)
                 if status == CONVERGED and cost < own_costs[k] and e[k] < 0.0:
-                    if fits(e, left, deviation, max_residual, float(max_misfit[count - 1])):
-                        own_costs[k], own_slacks[k] = cost, -e[k]
+                    own_costs[k], own_slacks[k] = cost, -e[k]
                     if cost < best_cost:
                         best, best_cost = k, cost
                         assign_vector(best_error, e)
@@ -100,25 +72,23 @@ def find_slack(
         if best < 0:
             return NO_SLACK_FOUND
         left[best] = 0.0
-        count -= 1
-        if count == m - 1 and own_costs[best] < math.inf:
-            # Noise of known size explains all that fit, noise of unknown size those that fit about as well.
-            known = max_misfit[count] < math.inf
-            limit = max(ABOUT_AS_WELL * best_cost, 0.5 * m * EXACT_FIT * EXACT_FIT)
+        if best_cost > limits[count]:
+            continue
+        if count == m - 1:
+            acceptable = min(float(limits[count]), best_cost + rivalry)
             candidates = 0
             for k in range(m):
-                if own_costs[k] < math.inf and (known or own_costs[k] <= limit):
+                if own_costs[k] <= acceptable:
                     slack[k] = own_slacks[k]
                     candidates += 1
             return SLACK_FOUND if candidates == 1 else SLACK_OF_ONE
-        if fits(best_error, left, deviation, max_residual, float(max_misfit[count])):
-            longest = True
-            for k in range(m):
-                if left[k] == 0.0:
-                    slack[k] = -best_error[k]
-                    longest = longest and slack[k] > 0.0
-            if longest:
-                return SLACK_FOUND
-            fill_vector(slack, 0.0)
-            return NO_SLACK_FOUND
+        longest = True
+        for k in range(m):
+            if left[k] == 0.0:
+                slack[k] = -best_error[k]
+                longest = longest and slack[k] > 0.0
+        if longest:
+            return SLACK_FOUND
+        fill_vector(slack, 0.0)
+        return NO_SLACK_FOUND
     return NO_SLACK_FOUND

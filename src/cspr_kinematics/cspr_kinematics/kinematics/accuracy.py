@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import functools
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +14,10 @@ from cspr_kinematics.kinematics.inverse import inverse_kinematics
 from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.robot import Robot
 
-# Errors so large that noise explains them in less than one case in 10,000 are reported: normal quantile of 1e-4.
-_MISFIT_QUANTILE = 3.719
+# Misfits that errors of the stated deviation reach more rarely than this are not accepted: at 250 Hz once in a century.
+_IMPROBABLE = 1e-12
+# Of two poses that fit, the worse one is the true one with these odds, or it cannot be told which is.
+_ODDS = 1e-4
 _SINGULAR = 1e-10
 
 
@@ -42,17 +45,28 @@ def pose_covariance(robot: Robot, pose: Pose, length_deviation: ArrayLike) -> Fl
     return covariance(J, deviation, np.ones(pose.batch_shape, dtype=np.bool_))
 
 
-@functools.lru_cache(maxsize=64)
-def largest_misfit(m: int) -> FloatArray:
-    """Return the weighted square sum that noise of k = 0..m cables exceeds once in 10,000 cases.
+class Tolerance(NamedTuple):
+    """Which length errors are accepted; costs are half the sum of their squares times the weights, m^2."""
 
-    From the approximation by Wilson and Hilferty of the quantile of chi-squared with k - 6 degrees of freedom.
+    weights: FloatArray  # (m,), 1 for the cables whose lengths are best known
+    limits: FloatArray  # (m + 1,): the largest cost at which k = 0..m cables fit a pose
+    rivalry: float  # by how much the costs of two poses may differ that fit about as well
+
+
+def tolerance(deviation: FloatArray) -> Tolerance:
+    """Return what errors of standard deviations (m,), m, explain.
+
+    What least squares leave of k independent normal errors, divided by their deviations, has a sum of squares with
+    the distribution chi-squared of k - 6 degrees of freedom. Six lengths or fewer fit exactly, or not at all; they are
+    given one degree.
     """
-    freedom = np.maximum(np.arange(m + 1) - 6.0, 1.0)
-    spread = 2.0 / (9.0 * freedom)
-    quantile = freedom * (1.0 - spread + _MISFIT_QUANTILE * np.sqrt(spread)) ** 3
-    quantile[:7] = np.inf  # six lengths fit any six
-    return frozen(quantile)
+    from scipy.special import chdtri  # here, because its import takes long
+
+    freedom = np.maximum(np.arange(len(deviation) + 1) - 6.0, 1.0)
+    half_variance = 0.5 * float(deviation.min()) ** 2
+    limits = half_variance * chdtri(freedom, _IMPROBABLE)
+    rivalry = -2.0 * math.log(_ODDS) * half_variance
+    return Tolerance(frozen((deviation.min() / deviation) ** 2), frozen(limits), rivalry)
 
 
 def length_deviations(length_deviation: ArrayLike, m: int) -> FloatArray:

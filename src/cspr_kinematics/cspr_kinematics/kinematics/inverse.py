@@ -1,4 +1,4 @@
-"""Inverse kinematics over fixed exit points or pulleys (eqs. 1-7; docs/model.md, sections 1 and 2)."""
+"""Inverse kinematics over fixed exit points or pulleys, and its derivatives (eqs. 1-7; docs/model.md, 1 and 2)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 
 from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays
 from cspr_kinematics.compiled import in_batch, kernel_input
-from cspr_kinematics.motion.pose import Pose
+from cspr_kinematics.kinematics._length_accelerations import length_accelerations_of_motions
+from cspr_kinematics.motion.motion import motion_arrays
+from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
 from cspr_kinematics.robot._cable_paths import PATH_EXISTS, cables_at_poses
 from cspr_kinematics.robot.cable_paths import path_error, path_lengths
 from cspr_kinematics.robot.robot import Robot
@@ -108,3 +110,34 @@ def cable_lengths(robot: Robot, pose: Pose) -> FloatArray:
         If an anchor point lies on its exit point or inside its pulley.
     """
     return path_lengths(robot.path_geometry, pose)
+
+
+def length_accelerations(robot: Robot, pose: Pose, twist: Twist, acceleration: Acceleration) -> FloatArray:
+    """Return the second derivatives of the cable lengths, lddot = J [a; alpha] + Jdot [v; omega], (..., m), m/s^2.
+
+    Exact with pulleys too: their swivelling, and the unwinding of what is wrapped around them, is part of Jdot.
+
+    Parameters
+    ----------
+    robot : Robot
+    pose : Pose
+    twist : Twist
+    acceleration : Acceleration
+        Single ones or batches that broadcast against each other.
+
+    Raises
+    ------
+    InvalidInputError
+        If the batch axes do not broadcast.
+    CableReachError
+        If a cable has no path or no direction, as in `inverse_kinematics`.
+    """
+    batch, (positions, rotations, twists, accelerations) = motion_arrays(pose, twist, acceleration)
+    result = np.empty((math.prod(batch), robot.number_of_cables))
+    fault, cable, member = length_accelerations_of_motions(
+        robot.path_geometry, positions, rotations, twists, accelerations, result
+    )
+    if fault != PATH_EXISTS:
+        poses = Pose.trusted(positions.reshape(*batch, 3), rotations.reshape(*batch, 3, 3))
+        raise path_error(fault, cable, member, poses)
+    return in_batch(result, batch)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cspr_kinematics.arrays import FloatArray, frozen
+from cspr_kinematics.kinematics.accuracy import Tolerance, tolerance
 from cspr_kinematics.motion._rotation import turn
 from cspr_kinematics.robot.robot import Robot
 
@@ -21,20 +22,18 @@ _TILTS = (0.0, 0.6, -0.6)
 
 
 class PoseSearch(NamedTuple):
-    """Where the search without a guess starts, and constant arrays for the kernels."""
+    """Where the search without a guess starts, and what is constant for the kernels."""
 
     frame: FloatArray  # (4,): the plane n^T x = d, n upwards, above which no platform hangs
     starts: FloatArray  # (s, 3, 3)
     center: FloatArray  # (3,): middle of the workspace
     home: FloatArray  # (12,): position and rotation
-    ones: FloatArray  # (m,)
-    no_misfit: FloatArray  # (m + 1,)
+    tolerance: Tolerance  # of what robot.length_deviation explains
 
 
 @functools.lru_cache(maxsize=16)
 def pose_search(robot: Robot) -> PoseSearch:
     """Return where the search for poses of a robot starts; computed once for each robot."""
-    m = robot.number_of_cables
     base = robot.home.rotation
     starts = np.empty((len(_TURNS) * len(_TILTS) ** 2, 3, 3))
     tilted = np.empty((3, 3))
@@ -47,8 +46,7 @@ def pose_search(robot: Robot) -> PoseSearch:
         frozen(starts),
         frozen(0.5 * (robot.workspace_min + robot.workspace_max)),
         frozen(np.concatenate((robot.home.position, base.ravel()))),
-        frozen(np.ones(m)),
-        frozen(np.full(m + 1, np.inf)),
+        tolerance(np.full(robot.number_of_cables, robot.length_deviation)),
     )
 
 

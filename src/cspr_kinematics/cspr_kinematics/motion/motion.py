@@ -53,6 +53,33 @@ class Motion(NamedTuple):
         return Motion(self.pose, Twist(v[..., :3], v[..., 3:]), Acceleration(a[..., :3], a[..., 3:]))
 
 
+def motion_arrays(
+    pose: Pose, twist: Twist, acceleration: Acceleration
+) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    """Return the common batch axes, and p, Q, [v; omega] and [a; alpha] in the form that kernels take.
+
+    Raises
+    ------
+    InvalidInputError
+        If the batch axes do not broadcast.
+    """
+    batch = pose.batch_shape
+    p, Q, velocities, accelerations = pose.position, pose.rotation, twist.vector, acceleration.vector
+    if twist.batch_shape != batch or acceleration.batch_shape != batch:
+        batch = broadcast_batch(pose=batch, twist=twist.batch_shape, acceleration=acceleration.batch_shape)
+        Q = np.broadcast_to(Q, (*batch, 3, 3))
+        p, velocities, accelerations = (
+            np.broadcast_to(x, (*batch, x.shape[-1])) for x in (p, velocities, accelerations)
+        )
+    n = math.prod(batch)
+    return batch, (
+        kernel_input(p, n, 3),
+        kernel_input(Q, n, 3, 3),
+        kernel_input(velocities, n, 6),
+        kernel_input(accelerations, n, 6),
+    )
+
+
 def motion_from_euler(
     position: ArrayLike,
     velocity: ArrayLike,
@@ -87,7 +114,9 @@ def motion_from_euler(
     )
     Q, omega, alpha = np.empty((*batch, 3, 3)), np.empty((*batch, 3)), np.empty((*batch, 3))
     euler_motions(angles, rates, growths, Q.reshape(n, 3, 3), omega.reshape(n, 3), alpha.reshape(n, 3))
-    return Motion(Pose(position, Q), Twist(velocity, omega), Acceleration(acceleration, alpha))
+    p = checked("position", position, 3)
+    pose = Pose.trusted(p.copy(), Q) if p.shape[:-1] == batch else Pose(p, Q)
+    return Motion(pose, Twist(velocity, omega), Acceleration(acceleration, alpha))
 
 
 def motion_from_quaternion(

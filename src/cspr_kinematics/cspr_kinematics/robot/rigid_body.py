@@ -125,6 +125,14 @@ class Payload(_MassProperties):
         checked_mass = non_negative_number("payload mass", mass)
         self._set(mass=checked_mass, center_of_mass=single("payload center_of_mass", center_of_mass, 3))
 
+    @classmethod
+    def trusted(cls, mass: float, center_of_mass: FloatArray) -> Payload:
+        """Build a payload of finite numbers, without copy or check; the centre of mass (3,) becomes read-only."""
+        payload = object.__new__(cls)
+        center_of_mass.setflags(write=False)
+        payload._set(mass=mass, center_of_mass=center_of_mass)
+        return payload
+
     @cached_property
     def inertial_parameters(self) -> FloatArray:
         """The ten parameters in which the wrench is linear, shape (10,): those of any body, at a tenth of the cost."""

@@ -15,6 +15,7 @@ from cspr_kinematics.configuration.structure import (
 )
 from cspr_kinematics.motion.pose import Pose
 from cspr_kinematics.robot.cable_paths import home_lengths
+from cspr_kinematics.robot.cables import CableProperties
 from cspr_kinematics.robot.pulleys import UPWARDS, Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
 from cspr_kinematics.robot.winch import Motor, Winch
@@ -25,6 +26,11 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 Points = Annotated[list[Point], Meta(min_length=1)]
 Radius = Annotated[float, Meta(ge=0.0, le=10.0)]
 Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
+Tension = Annotated[float, Meta(ge=0.0, le=1e7)]
+Stiffness = Annotated[float, Meta(ge=1.0, le=1e12)]
+DampingTime = Annotated[float, Meta(ge=0.0, le=10.0)]
+DeadLength = Annotated[float, Meta(ge=0.0, le=1000.0)]
+MassPerMetre = Annotated[float, Meta(ge=0.0, le=1000.0)]
 Moment = Annotated[float, Meta(ge=-1e8, le=1e8)]
 Moments = tuple[Moment, Moment, Moment]
 
@@ -82,6 +88,27 @@ class PulleysEntry:
 
 
 @dataclass(frozen=True)
+class CablesEntry:
+    """The cables' axial stiffness in N, damping time in s, dead length in m, and mass in kg/m, for all or for each."""
+
+    axial_stiffness: Stiffness | list[Stiffness]
+    damping_time: DampingTime | list[DampingTime] = 0.0
+    dead_length: DeadLength | list[DeadLength] = 0.0
+    mass_per_metre: MassPerMetre | list[MassPerMetre] = 0.0
+
+    def cables(self, number_of_cables: int, source: str, key: str) -> CableProperties:
+        """Return the cables' properties, one for each; `source` and `key` say where they are described.
+
+        Raises
+        ------
+        ConfigurationFileError
+            If they are those of another number of cables.
+        """
+        with located(source, key):
+            return CableProperties(**vars(self)).for_each(number_of_cables)
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """The content of a robot's file; units and meaning as of the attributes of `Robot`."""
 
@@ -93,13 +120,16 @@ class RobotDescription:
     platform_size: Point
     winch: WinchEntry
     motor: Motor
-    tension_min: Annotated[float, Meta(ge=0.0, le=1e7)]
-    tension_max: Annotated[float, Meta(ge=1e-3, le=1e7)]
+    tension_min: Tension | list[Tension]
+    tension_max: Tension | list[Tension]
     home: HomeEntry
     workspace_min: Point
     workspace_max: Point
     trajectory_center: Point
     pulleys: PulleysEntry | None = None
+    cables: CablesEntry | None = None
+    home_tensions: list[Tension] | None = None
+    length_uncertainty: Annotated[float, Meta(ge=1e-6, le=1.0)] | None = None
 
 
 def robot_parts(mapping: object, source: str) -> dict[str, Any]:
@@ -116,9 +146,14 @@ def robot_parts(mapping: object, source: str) -> dict[str, Any]:
     pulleys = Pulleys.none()
     if file.pulleys is not None:
         pulleys = file.pulleys.pulleys(len(exit_points), source, "pulleys")
+    cables = CableProperties()
+    if file.cables is not None:
+        cables = file.cables.cables(len(exit_points), source, "cables")
     with located(source):
         lengths = home_lengths(exit_points, anchor_points, home, pulleys)
     with located(source, "platform"):
         platform = RigidBody(file.platform.mass, file.platform.center_of_mass, file.platform.inertia)
     winch = Winch(file.winch.drum_radius, file.winch.gear_ratio, lengths)
-    return vars(file) | {"home": home, "pulleys": pulleys, "platform": platform, "winch": winch}
+    given = {name: value for name, value in vars(file).items() if name != "home_tensions"}
+    given["measured_home_tensions"] = file.home_tensions
+    return given | {"home": home, "pulleys": pulleys, "cables": cables, "platform": platform, "winch": winch}

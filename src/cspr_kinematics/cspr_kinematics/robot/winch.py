@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -51,7 +52,7 @@ class Winch(ReadOnlyArrays):
             raise InvalidInputError("home_lengths", home_lengths, "must be one positive length per cable")
         self._set(drum_radius=radius, gear_ratio=ratio, home_lengths=frozen(lengths))
 
-    @property
+    @cached_property
     def transmission_ratio(self) -> float:
         """Cable length per motor angle rho / D, m/rad (eq. 6)."""
         return self.drum_radius / self.gear_ratio
@@ -67,6 +68,10 @@ class Winch(ReadOnlyArrays):
     def motor_speed(self, length_rates: ArrayLike) -> FloatArray:
         """Motor speeds (..., m) in rad/s at rates of cable length (..., m) in m/s."""
         return self._per_cable("length_rates", length_rates) / self.transmission_ratio
+
+    def motor_acceleration(self, length_accelerations: ArrayLike) -> FloatArray:
+        """Motor accelerations (..., m) in rad/s^2 at accelerations of cable length (..., m) in m/s^2."""
+        return self._per_cable("length_accelerations", length_accelerations) / self.transmission_ratio
 
     def cable_speed(self, motor_speed: ArrayLike) -> FloatArray:
         """Rates of cable length (..., m) in m/s at motor speeds (..., m) in rad/s."""
@@ -91,7 +96,8 @@ class Motor:
     Attributes
     ----------
     inertia : float
-        Of everything that turns with the shaft, kg m^2.
+        J_w, of everything that turns with the shaft: rotor, brake, gearbox, and the drum by the square of the gear
+        ratio less, kg m^2.
     torque_limit : float
         Largest torque in either direction, N m.
     speed_limit : float

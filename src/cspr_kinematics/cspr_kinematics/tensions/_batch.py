@@ -26,6 +26,17 @@ ANALYTIC_CENTER = 3
 
 
 @kernel
+def in_order(t_min: FloatArray, t_max: FloatArray) -> bool:
+    """Return whether each lower limit, (n or 1, m), is below its upper one, (n or 1, m)."""
+    lows, highs = t_min.shape[0], t_max.shape[0]
+    for k in range(max(lows, highs) if min(lows, highs) > 0 else 0):
+        for i in range(t_min.shape[1]):
+            if not t_min[k % lows, i] < t_max[k % highs, i]:
+                return False
+    return True
+
+
+@kernel
 def distribute_batch(
     method: int,
     A: FloatArray,

@@ -47,7 +47,10 @@ WRENCH_TOLERANCE = 1e-6
 CENTER_STEPS = 100
 
 _SNAP = 1e-13  # a tension this near to a limit, relative to the larger one, is on it
-_CENTERED = 1e-10  # error of the wrench, relative to the weight of the limits, at which the centre is found
+# Error of the wrench at which the centre is found, relative to the weight of the limits, but well below what counts as
+# reached: for a light platform between wide limits that is less.
+_CENTERED = 1e-10
+_SHARE_OF_REACHED = 0.1
 
 
 @kernel
@@ -169,6 +172,7 @@ def analytic_center_kernel(
         for i in range(m):
             row += abs(A[k, i]) * max(abs(t_min[i]), abs(t_max[i]))
         scale = max(scale, row)
+    close = min(_CENTERED * scale, _SHARE_OF_REACHED * reached_kernel(w))
     for steps in range(1, CENTER_STEPS + 1):
         for k in range(6):
             error[k] = w[k]
@@ -186,7 +190,7 @@ def analytic_center_kernel(
         norm = 0.0
         for k in range(6):
             norm = max(norm, abs(error[k]))
-        if norm <= _CENTERED * scale:
+        if norm <= close:
             for i in range(m):
                 tensions[i] = min(max(center[i], t_min[i]), t_max[i])
             return steps

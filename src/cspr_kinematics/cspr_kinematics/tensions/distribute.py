@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspr_kinematics.arrays import FloatArray, as_floats, broadcast_batch, checked, positive_integer
 from cspr_kinematics.compiled import in_batch, kernel_input
 from cspr_kinematics.errors import InvalidInputError, SingularWrenchMatrixError
-from cspr_kinematics.tensions._batch import distribute_batch
+from cspr_kinematics.tensions._batch import distribute_batch, in_order
 from cspr_kinematics.tensions._bounded import SINGULAR
 from cspr_kinematics.tensions.result import TensionResult
 
@@ -128,8 +128,7 @@ def _stacked(array: FloatArray, batch: tuple[int, ...], *own: int) -> FloatArray
 def _limits(t_min: Any, t_max: Any, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
     """Return the limits of each cable, in the form of `_per_cable`."""
     low, high = _per_cable("t_min", t_min, shape), _per_cable("t_max", t_max, shape)
-    wrong = t_min >= t_max if isinstance(t_min, float) and isinstance(t_max, float) else (low >= high).any()
-    if wrong:
+    if not in_order(low, high):
         raise InvalidInputError("t_min", t_min, f"must be below t_max = {t_max}")
     return low, high
 
@@ -142,10 +141,10 @@ def _per_cable(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     array = checked(name, value)
     if array.ndim == 0:
         return _same_for_all(float(array), m)
-    if broadcast_batch(tensions=shape, **{name: array.shape}) != shape:
-        raise InvalidInputError(name, array, f"shape {array.shape} does not fit tensions {shape}")
     if array.shape == (m,):
         return kernel_input(array, 1, m)
+    if broadcast_batch(tensions=shape, **{name: array.shape}) != shape:
+        raise InvalidInputError(name, array, f"shape {array.shape} does not fit tensions {shape}")
     return kernel_input(np.broadcast_to(array, shape), -1, m)
 
 

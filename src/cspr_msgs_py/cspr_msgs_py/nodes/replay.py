@@ -25,7 +25,7 @@ from cspr_msgs_py.qos import replay_profile
 from cspr_msgs_py.runtime.process import LEAN_NODE
 from cspr_msgs_py.runtime.replay_pace import ReplayPace
 from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard
-from cspr_msgs_py.topics import MOTOR_STATES, ROSOUT, graph_topics
+from cspr_msgs_py.topics import MOTOR_STATES, ROSOUT, SUPERVISOR_ALIVE, graph_topics
 from cspr_msgs_py.wire.cdr import NANOSECONDS
 
 CLOCK = "/clock"
@@ -171,10 +171,11 @@ class Replay:
                     f"{name} is published by {', '.join(sorted(others))} already: leave it out with --topics, or "
                     "replay into a graph of its own (another ROS_DOMAIN_ID)"
                 )
-            subscribers = node.get_subscriptions_info_by_topic(name) if name.endswith("/command") else ()
+            moves = name.endswith("/command") or name == SUPERVISOR_ALIVE.name
+            subscribers = node.get_subscriptions_info_by_topic(name) if moves else ()
             if DRIVER in {each.node_name for each in subscribers}:
                 raise StartError(
-                    f"{name} goes to the drives of a running {DRIVER}: no recorded torque may move a robot"
+                    f"{name} goes to the drives of a running {DRIVER}: no recording may move a robot"
                 )
         self._checked = time.monotonic()
 

@@ -7,7 +7,6 @@ The dialect is that of ROS: YAML 1.1, where ``on`` is a truth value and ``010`` 
 """
 
 import re
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from io import StringIO
 from itertools import pairwise
@@ -16,7 +15,8 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError
-from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, MarkedYAMLError
+from ruamel.yaml.constructor import SafeConstructor
+from ruamel.yaml.error import MarkedYAMLError
 from ruamel.yaml.events import AliasEvent, ScalarEvent
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 from ruamel.yaml.resolver import VersionedResolver
@@ -34,9 +34,6 @@ from cspr_msgs_py.parameters.table import (
 
 Heard = Mapping[str, Collection[str]]
 """The parameters that the nodes of a process, or of a simulation, take: their names by node."""
-
-warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)  # 1e-3 is a number for ROS as well
-
 
 _PLAIN = {  # what a text without quotes may be besides a text, as ROS has it
     "null": r"~|null|Null|NULL|",
@@ -67,9 +64,19 @@ class _Composer(Composer):
         raise ComposerError(None, None, problem, event.start_mark)
 
 
+class _Constructor(SafeConstructor):
+    """Without the warning that 1e-3 has no dot: it is a number for ROS as well."""
+
+    def construct_yaml_float(self, node: ScalarNode) -> float:
+        return float(self.construct_scalar(node).lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+_Constructor.add_constructor("tag:yaml.org,2002:float", _Constructor.construct_yaml_float)
+
+
 def _yaml(kind: str) -> YAML:
     yaml = YAML(typ=kind, pure=True)
-    yaml.Resolver, yaml.Composer = _Resolver, _Composer
+    yaml.Resolver, yaml.Composer, yaml.Constructor = _Resolver, _Composer, _Constructor
     return yaml
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.row import NodeParameter
-from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, TrajectoryName
+from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadMethod, PayloadSource, TrajectoryName
 
 ALL_NODES = "/**"
 """Stands for every node in files and on the command line."""
@@ -44,6 +44,8 @@ _GAINS = (
     _live("kp", 2.0, "Proportional gain", "N m/rad", 0.0, 1000.0),
     _live("kd", 0.1, "Derivative gain, below 2 J / T with the motor inertia J and the control period T", "N m s/rad",
           0.0, 100.0),
+    _live("speed_delay", 0.002, "How old measured speeds are: half a period, where they are differences of positions",
+          "s", 0.0, 0.1),
     _live("friction_compensation", 1.0, "Share of the motor's friction that is compensated at the desired speed", "",
           0.0, 1.0),
     _live("friction_smoothing_speed", 1.0,
@@ -51,7 +53,7 @@ _GAINS = (
 )  # fmt: skip
 
 
-def _limit(name: str, default: float, meaning: str, unit: str) -> NodeParameter:
+def _limit(name: str, default: float | type[float], meaning: str, unit: str) -> NodeParameter:
     """Return a limit of the supervisor; those in seconds are all on the computer's clock."""
     stretch = _DURATION if unit == "s" else 0
     return NodeParameter(name, default, meaning, unit, 0.0, 1000.0, stretch=stretch)
@@ -78,12 +80,15 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("angular_acceleration", 0.4, "Angular acceleration limit of approach and move", "rad/s^2", 1e-3, 100.0),
         _fixed("dwell", 1.0, "Rest at the start of a trajectory before it begins", "s", 0.0, 60.0),
         _fixed("stop_time", 0.5, "Time to come to rest along the path", "s", 0.01, 10.0),
+        _fixed("supervision_timeout", 0.2, "Age of the supervisor's sign of life from which no trajectory runs", "s",
+               0.04, 10.0, stretch=_DURATION),
         _fixed("max_gap", 0.1, "Longest gap in the motor states after which a trajectory still continues", "s", 0.01,
                10.0, stretch=_DURATION),
     ),
     "feedforward": (
         ROBOT_CONFIG,
         _live("model", "dynamic", "Model of the feed-forward torque", choices=tuple(FeedforwardModel)),
+        _live("winch_inertia", True, "Whether the dynamic model counts the torque that accelerates the winches"),
         _live("payload_source", "estimated", "Which payload is used", choices=tuple(PayloadSource)),
         _live("nominal_payload_mass", 0.0, "Payload assumed without an estimate", "kg", 0.0, 1e5),
         _live("nominal_payload_center", [0.0, 0.0, 0.0], "Its centre of mass in platform", "m", -10.0, 10.0),
@@ -92,8 +97,17 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
               stretch=_DURATION),
         _live("switch_slew", 2.0, "Fastest change of a motor's torque when model, payload or tension method changes",
               "N m/s", 1e-3, 1e4, stretch=_RATE),
+        _live("stretch_compensation", True, "Whether set-points allow for the stretch under the model's tensions"),
+        _live("stretch_slew", 0.15, "Time constant of the two poles through which they do", "s", 1e-3, 10.0),
         _live("tension_method", "closest", "How the wrench is distributed over the cables",
               choices=("closest", "centroid", "analytic_center")),
+        _live("swing_damping", 0.0, "Damping ratio that a load on a sling is given when it swings; 0 leaves it alone",
+              "", 0.0, 0.35),
+        _live("swing_dead_zone", 8.0, "Amplitude of the load's sideways pull up to which it may swing", "N", 0.1, 1e4),
+        _fixed("swing_reach", 0.04, "How far the platform may depart from the reference for it", "m", 1e-3, 1.0),
+        _live("swing_acceleration", 0.8, "Largest acceleration with which it does", "m/s^2", 1e-3, 100.0),
+        _live("swing_delay", 0.045, "How old /external_wrench is: twice the estimator's time_constant, and a cycle",
+              "s", 0.0, 0.2),
     ),
     "motor_control_gains": (ROBOT_CONFIG, CONTROL_RATE, *_GAINS),
     "motor_controller": (MOTOR,),  # read first: the node's name depends on it
@@ -105,23 +119,44 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
     ),
     "mass_estimator": (
         ROBOT_CONFIG,
-        _live("time_constant", 0.4, "Time constant of the low-pass filter", "s", 1e-3, 60.0, stretch=_DURATION),
-        _live("mass_rate_limit", 150.0, "Fastest change of the published mass", "kg/s", 0.1, 1e4, stretch=_RATE),
-        _live("center_rate_limit", 0.2, "Fastest change of the published centre of mass", "m/s", 1e-3, 10.0,
-              stretch=_RATE),
+        _live("method", "motion", "How the payload is estimated", choices=tuple(PayloadMethod)),
+        # times of motion and static are on the clock of the stamps, which is the machine's
+        _live("time_constant", 0.02, "Time constant of each of the two poles that both sides of the balance pass", "s",
+              1e-3, 1.0),
+        _live("mass_walk", 1.0, "Random walk of the payload's mass, in the square root of a second", "kg", 1e-3, 1e3),
+        _live("moment_walk", 0.1, "Random walk of its first moment, in the square root of a second", "kg m", 1e-4, 1e3),
+        _live("force_noise", 3.0, "Standard deviation of the balance of forces in one cycle", "N", 1e-3, 1e4),
+        _live("moment_noise", 1.0, "Standard deviation of the balance of moments in one cycle", "N m", 1e-3, 1e4),
+        _live("change_mass", 1.5, "Size of a sudden change of the mass that is to be detected", "kg", 1e-2, 1e3),
+        _live("max_acceleration", 7.85, "Vertical acceleration, up or down, above which the estimate is held",
+              "m/s^2", 0.1, 1e3),
+        _live("tension_skew", 0.0, "How much older tensions are than the motor angles of the same SYNC: the delay of "
+              "the amplifiers' own filters; 0 for amplifiers that convert at the SYNC, as the simulated ones", "s", 0.0,
+              0.02),
+        _live("mass_rate_limit", 2000.0, "Fastest change of the published mass", "kg/s", 0.1, 1e5),
+        _live("center_rate_limit", 2.0, "Fastest change of the published centre of mass", "m/s", 1e-3, 100.0),
         _MAX_PAYLOAD,
-        _live("max_offset", 0.15, "Largest coordinate of the centre of mass", "m", 1e-3, 10.0),
+        _live("max_offset", 0.15, "Largest distance of the centre of mass from the middle of the platform along x and "
+              "y, and from payload_height along z", "m", 1e-3, 10.0),
         _live("minimum_mass", 5.0, "Payload below which no centre of mass is published", "kg", 0.1, 1e3),
         _live("payload_height", 0.0, "Assumed z of the payload's centre of mass in platform", "m", -10.0, 10.0),
-        _live("slack_tension", 10.0, "Tension below which a cable counts as slack", "N", 0.1, 1e4),
-        _live("max_speed", 0.6, "Speed above which the estimate is held", "m/s", 1e-3, 100.0),
-        _live("max_angular_speed", 0.3, "Angular speed above which the estimate is held", "rad/s", 1e-3, 100.0),
-        _live("max_sideways_ratio", 0.1, "Horizontal force over vertical above which the estimate is held", "", 1e-3,
-              10.0),
-        _live("tensions_timeout", 0.1, "Age from which cable tensions count as stale", "s", 1e-3, 10.0,
-              stretch=_DURATION),
-        _live("pose_timeout", 0.2, "Age from which the platform pose counts as stale", "s", 1e-3, 10.0,
-              stretch=_DURATION),
+        _live("slack_tension", 25.0, "Tension below which a cable counts as slack", "N", 0.1, 1e4),
+        _live("slack_hold", 0.3, "How long the estimate is held after the last slack cable", "s", 0.0, 10.0),
+        _live("cell_tolerance", 18.0, "Sideways force of all cells together, which no payload explains, above which "
+              "one is suspected", "N", 0.1, 1e4),
+        _live("cell_confirmation", 0.02, "How long one cell must explain it before it is left out", "s", 0.0, 10.0),
+        _live("cell_recovery", 1.0, "How long a cell that was left out must agree, brakes closed, to be believed again",
+              "s", 0.0, 60.0),
+        _live("stuck_time", 0.9, "How long a load cell may show exactly the same value", "s", 0.01, 60.0),
+        _live("input_timeout", 0.1, "Age from which motor states and tensions of one SYNC count as stale", "s", 1e-3,
+              10.0, stretch=_DURATION),
+        _live("static.time_constant", 0.4, "Time constant of the low-pass filter of the static balance", "s", 1e-3,
+              60.0),
+        _live("static.max_speed", 0.6, "Speed above which the static balance is not believed", "m/s", 1e-3, 100.0),
+        _live("static.max_angular_speed", 0.3, "Angular speed above which the static balance is not believed", "rad/s",
+              1e-3, 100.0),
+        _live("static.max_sideways_ratio", 0.1, "Horizontal force over vertical above which the static balance is not "
+              "believed", "", 1e-3, 10.0),
     ),
     "supervisor": (
         ROBOT_CONFIG,
@@ -135,10 +170,18 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _limit("tension_difference", 250.0, "Largest difference between a load cell and the torque of its motor", "N"),
         _limit("tension_difference_time", 1.0, "How long it may be exceeded", "s"),
         _limit("stuck_time", 1.0, "How long a load cell may show exactly the same value", "s"),
+        _limit("length_misfit", float, "Largest difference between a cable's length and its path at the pose that fits "
+               "all best; length_uncertainty of the robot by default", "m"),
+        _limit("slack_misfit", 0.003, "The same while a cable is slack, where that is more", "m"),
+        _fixed("misfit_cycles", 3, "Cycles in a row in which it must be exceeded", "", 1, 1000),
+        _limit("slack_tension", 25.0, "Tension below which a cable counts as slack", "N"),
+        _limit("slack_hold", 0.1, "How long it counts as slack afterwards", "s"),
+        _limit("node_timeout", 3.5, "Silence of a node on /diagnostics after which it counts as ended", "s"),
         _limit("enable_timeout", 5.0, "Time for the drives to become enabled", "s"),
         _limit("stop_timeout", 3.0, "Time for the trajectory to come to rest", "s"),
         _limit("drive_timeout", 5.0, "Time for the drives to become disabled or reset", "s"),
         _max_age("motor_states", 0.2),
+        _max_age("reference", 0.2),
         _max_age("setpoint", 0.2),
         _max_age("cable_tensions", 0.2),
         _max_age("platform_pose", 0.3),

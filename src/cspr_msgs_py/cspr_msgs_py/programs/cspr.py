@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from importlib.metadata import EntryPoint, entry_points
@@ -16,6 +17,7 @@ from pathlib import Path
 
 from cspr_msgs_py.errors import shortened
 from cspr_msgs_py.programs.command_line import run_program
+from cspr_msgs_py.programs.linear_algebra import ONE_THREAD
 
 GROUP = "cspr.programs"
 
@@ -37,6 +39,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(programs))}"
         print(f"cspr: there is no program {shortened(repr(name))}; {hint}", file=sys.stderr)
         return 2
+    os.environ.update(ONE_THREAD | os.environ)
     sys.argv = [f"cspr {name}", *words[1:]]  # the program reads its arguments as if it were started alone
     try:
         return int(programs[name].load()() or 0)

@@ -24,7 +24,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from cspr_msgs_py.errors import MessageError, NodeError, ParameterError, shortened
+from cspr_msgs_py.errors import MessageError, NodeError, ParameterError, failure_text, shortened
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.parameters.file import Heard, check_arguments
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
@@ -50,9 +50,10 @@ def run_nodes(
 ) -> int:
     """Run the nodes that `factory` creates until SIGINT or SIGTERM, and return the exit status.
 
-    On either signal, and when a callback raises, each node's ``make_safe()`` is called if it has one; the
-    node can still publish and call services then. An error that ends the process is one line on stderr that
-    names the node; errors that are defects of the program come with their traceback. Must be called from the
+    On either signal each node's ``make_safe()`` is called if it has one; the node can still publish and call services
+    then. A callback that raises ends nothing: the error is one line on stderr that names the node, whose
+    ``failed(error)`` is called if it has one. An error at the start ends the process, likewise in one line; errors
+    that are defects of the program come with their traceback. Must be called from the
     main thread, as the last thing that the process does: afterwards it ignores both signals.
 
     Parameters
@@ -109,7 +110,7 @@ def _run(
             _set_scheduling(nodes, realtime)
             declared = {node.get_name(): set(node.get_parameters_by_prefix("")) for node in nodes}
             check_arguments(arguments, {**asked_before, **declared})
-            _spin(nodes, stop.future)
+            _spin(nodes, stop.future, program)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except Exception as error:
@@ -174,7 +175,7 @@ def _stop_on_signal() -> Iterator[_Stop]:
         os.close(reading)
 
 
-def _spin(nodes: Sequence[Node], stop: Future) -> None:
+def _spin(nodes: Sequence[Node], stop: Future, program: str) -> None:
     executor = EventsExecutor()
     try:
         for node in nodes:
@@ -187,8 +188,14 @@ def _spin(nodes: Sequence[Node], stop: Future) -> None:
             node.get_logger().info(f"{node.get_name()} ready")
         while not stop.done() and rclpy.ok():
             # Without a time-out the wait can overflow: the executor then runs at full load and calls nobody.
-            executor.spin_until_future_complete(stop, timeout_sec=_COLLECTION_PERIOD)
-            gc.collect()
+            try:
+                executor.spin_until_future_complete(stop, timeout_sec=_COLLECTION_PERIOD)
+            except ExternalShutdownException:
+                raise
+            except Exception as error:  # the executor goes on with the next event
+                _survive(nodes, *_blamed(error, program))
+            else:
+                gc.collect()
     finally:
         gc.enable()
         gc.unfreeze()
@@ -207,6 +214,14 @@ def _set_scheduling(nodes: Sequence[Node], realtime: bool) -> None:
     for refusal in refusals:
         if refusal is not None:
             nodes[0].get_logger().warning(refusal)
+
+
+def _survive(nodes: Sequence[Node], name: str, error: Exception) -> None:
+    """Tell the node in whose callback something went wrong; what it cannot deal with ends the process after all."""
+    print(f"{name}: {failure_text(error)}", file=sys.stderr, flush=True)
+    for node in nodes:
+        if node.get_name() == name and (failed := getattr(node, "failed", None)) is not None:
+            failed(error)
 
 
 def _make_safe(node: Node) -> int:

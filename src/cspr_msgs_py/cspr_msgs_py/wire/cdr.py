@@ -16,8 +16,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspr_msgs_py.errors import MessageError
+
 ENCAPSULATION: Final = b"\x00\x01\x00\x00"  # plain CDR, little-endian, no options
 NANOSECONDS: Final = 1_000_000_000
+LATEST_TIME: Final = 2**31 * NANOSECONDS - 1
+"""Latest time that fits a message, ns: its seconds have 32 bits."""
 
 Bytes = bytes | bytearray | memoryview
 
@@ -40,8 +44,23 @@ def pack_time(nanoseconds: int) -> bytes:
 
 
 def unpack_time(buffer: Bytes, offset: int) -> int:
-    """Return the nanoseconds of the Time or Duration at `offset` of `buffer`."""
+    """Return the nanoseconds of the Time or Duration at `offset` of `buffer`.
+
+    Raises
+    ------
+    MessageError
+        If it has a second's worth of nanoseconds or more beside its seconds.
+    """
     seconds, rest = _STAMP.unpack_from(buffer, offset)
+    return whole_time(seconds, rest)
+
+
+def whole_time(seconds: int, rest: int) -> int:
+    """Return seconds and nanoseconds of a message as nanoseconds; raises MessageError as `unpack_time` does."""
+    if rest >= NANOSECONDS:
+        raise MessageError(
+            f"a time has {rest} nanoseconds beside its seconds; {NANOSECONDS - 1} are the most"
+        )
     return int(seconds) * NANOSECONDS + int(rest)
 
 

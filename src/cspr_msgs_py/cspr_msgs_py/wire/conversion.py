@@ -18,9 +18,9 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.topics import BASE_FRAME, JOINT_STATE, MULTI_DOF_TRAJECTORY, PLATFORM_FRAME, Topic
-from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes
+from cspr_msgs_py.wire.cdr import NANOSECONDS, Bytes, whole_time
 from cspr_msgs_py.wire.joint_state import FIELDS, JointSample, JointStateCodec, JointStateSample
-from cspr_msgs_py.wire.message_values import motion, nanoseconds
+from cspr_msgs_py.wire.message_values import motion
 from cspr_msgs_py.wire.reference import ReferenceCodec, ReferenceSample
 from cspr_msgs_py.wire.topic_codecs import topic_codec
 
@@ -61,7 +61,7 @@ def decode_joint_state(codec: JointStateCodec, buffer: Bytes) -> JointStateSampl
                 f"JointState has {len(names)} names but {values.size} values in {field}: one for each name is needed"
             )
         fields[field] = _read_only(values[order])
-    return JointStateSample(nanoseconds(message.header.stamp), **fields)
+    return JointStateSample(_time(message.header.stamp), **fields)
 
 
 def decode_joint(codec: JointStateCodec, buffer: Bytes) -> JointSample:
@@ -100,8 +100,8 @@ def decode_reference(codec: ReferenceCodec, buffer: Bytes) -> ReferenceSample:
                 f"reference has {len(getattr(point, field))} {field} for {len(message.joint_names)} joints"
             )
     return ReferenceSample(
-        nanoseconds(message.header.stamp),
-        nanoseconds(point.time_from_start) / NANOSECONDS,
+        _time(message.header.stamp),
+        _time(point.time_from_start) / NANOSECONDS,
         *map(_read_only, motion(point, joint)),
     )
 
@@ -115,6 +115,10 @@ def _deserialized(buffer: Bytes, kind: type, name: str) -> Any:
         return deserialize_message(bytes(buffer), kind)
     except Exception as error:  # rmw reports every malformed frame with its own kind of RuntimeError
         raise MessageError(f"{len(buffer)} bytes are not a {name}: {error}") from error
+
+
+def _time(time: Any) -> int:
+    return whole_time(time.sec, time.nanosec)
 
 
 def _read_only(values: ArrayLike) -> NDArray[np.float64]:

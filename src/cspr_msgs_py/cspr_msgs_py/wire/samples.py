@@ -27,6 +27,20 @@ class InertiaSample(NamedTuple):
     center_of_mass: NDArray[np.float64]
 
 
+class WrenchSample(NamedTuple):
+    """A wrench on the platform, about its origin, in ``base``: stamp in ns, force (3,) in N, moment (3,) in N m."""
+
+    stamp_ns: int
+    force: NDArray[np.float64]
+    moment: NDArray[np.float64]
+
+
+class SignOfLife(NamedTuple):
+    """A header alone: stamp in ns."""
+
+    stamp_ns: int
+
+
 class Status(NamedTuple):
     """A diagnostic status, as it is on the latched topics and inside ``/diagnostics``."""
 

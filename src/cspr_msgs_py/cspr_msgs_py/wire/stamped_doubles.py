@@ -1,4 +1,4 @@
-"""Messages that are a header followed by doubles, as raw CDR: PoseStamped and InertiaStamped."""
+"""Messages that are a header followed by doubles, as raw CDR: PoseStamped, InertiaStamped and WrenchStamped."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -12,6 +12,9 @@ POSE: Final = {"position": 3, "quaternion_xyzw": 4}
 """Doubles of a PoseStamped."""
 INERTIA: Final = {"mass": 1, "center_of_mass": 3, "moments": 6}
 """Doubles of an InertiaStamped; the moments of inertia are ixx, ixy, ixz, iyy, iyz, izz."""
+
+WRENCH: Final = {"force": 3, "moment": 3}
+"""Doubles of a WrenchStamped, which calls the moment torque."""
 
 
 class StampedDoublesCodec(Frame):

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.topics import Topic
-from cspr_msgs_py.wire.cdr import Bytes, Scanner
+from cspr_msgs_py.wire.cdr import Bytes, Scanner, Writer
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.log import decode_log, encode_log
 from cspr_msgs_py.wire.reference import ReferenceCodec
-from cspr_msgs_py.wire.samples import InertiaSample, PoseSample
-from cspr_msgs_py.wire.stamped_doubles import INERTIA, POSE, StampedDoublesCodec
+from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, SignOfLife, WrenchSample
+from cspr_msgs_py.wire.stamped_doubles import INERTIA, POSE, WRENCH, StampedDoublesCodec
 from cspr_msgs_py.wire.status import decode_status, decode_status_array, encode_status, encode_status_array
 
 
@@ -46,7 +46,7 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
     """Return the codec of a topic of a robot with this number of motors.
 
     Samples are `ReferenceSample`, `JointStateSample` (of one motor's command: `JointSample`), `PoseSample`,
-    `InertiaSample`, `Status`, `StatusArray` and `LogLine`.
+    `InertiaSample`, `WrenchSample`, `SignOfLife`, `Status`, `StatusArray` and `LogLine`.
 
     Raises
     ------
@@ -78,6 +78,15 @@ def topic_codec(topic: Topic, number_of_motors: int) -> TopicCodec:
             lambda sample: [sample.mass, *sample.center_of_mass, 0, 0, 0, 0, 0, 0],
             lambda stamp, values: InertiaSample(stamp, float(values[0]), values[1:4]),
         )
+    if topic.type == topics.WRENCH_STAMPED:
+        return _stamped_doubles(
+            topic,
+            StampedDoublesCodec(topics.BASE_FRAME, WRENCH),
+            lambda sample: [*sample.force, *sample.moment],
+            lambda stamp, values: WrenchSample(stamp, values[:3], values[3:]),
+        )
+    if topic.type == topics.HEADER:
+        return TopicCodec(_encode_header, _checked(topic, _decode_header))
     raise MessageError(f"{topic.name}: messages of type {topic.type} have no codec")
 
 
@@ -104,6 +113,20 @@ def _checked(topic: Topic, decode: Callable[[Bytes], Any]) -> Callable[[Bytes], 
         return sample
 
     return decode_or_raise
+
+
+def _encode_header(sign: SignOfLife) -> bytes:
+    writer = Writer()
+    writer.time(sign.stamp_ns)
+    writer.string("")
+    return writer.finish()
+
+
+def _decode_header(buffer: Bytes) -> SignOfLife:
+    scanner = Scanner(buffer)
+    sign = SignOfLife(scanner.time())
+    scanner.string()
+    return sign
 
 
 def _stamped_doubles(

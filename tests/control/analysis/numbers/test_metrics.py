@@ -12,7 +12,7 @@ import pytest
 from cspr_control.analysis.numbers.tables import format_runs, row_texts
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags
 
-from ..conftest import CONFIG, POSITION_ERROR, TENSION_ERROR, Motion
+from ..conftest import CONFIG, PLATFORM_ERROR, PLATFORM_TURN, POSITION_ERROR, TENSION_ERROR, Motion
 
 
 def test_motor_errors_are_those_that_were_recorded(run: RunAnalysis) -> None:
@@ -23,6 +23,20 @@ def test_motor_errors_are_those_that_were_recorded(run: RunAnalysis) -> None:
         np.testing.assert_allclose(statistic, np.degrees(POSITION_ERROR), rtol=1e-9)
     for statistic in (velocity.rms, velocity.median, velocity.maximum):
         np.testing.assert_allclose(statistic, 10.0, rtol=1e-9)
+
+
+def test_the_platform_s_error_is_that_which_was_recorded(run: RunAnalysis) -> None:
+    """True less wanted; the estimate is the reference itself, and so is off by the opposite of it."""
+    platform = run.metrics.platform
+    assert platform is not None
+    assert platform.judged_by == "true pose"
+    size = 1e3 * float(np.sqrt((PLATFORM_ERROR**2).sum()))
+    for deviation, sign in ((platform.error, 1.0), (platform.estimate, -1.0)):
+        assert deviation is not None
+        assert (deviation.rms_mm, deviation.median_mm, deviation.max_mm) == pytest.approx(3 * (size,))
+        assert deviation.mean_mm == pytest.approx(sign * 1e3 * PLATFORM_ERROR, abs=1e-6)
+        assert deviation.rotation_rms_deg == pytest.approx(np.degrees(PLATFORM_TURN))
+        assert deviation.rotation_max_deg == pytest.approx(np.degrees(PLATFORM_TURN))
 
 
 def test_tensions_against_the_model(run: RunAnalysis) -> None:
@@ -62,11 +76,11 @@ def test_margins_name_cable_and_time(run: RunAnalysis) -> None:
     assert tensions is not None
     judged = run.recording.in_window(tensions.time_ns)
     lowest = run.metrics.margins["tension_min_n"]
-    assert lowest.margin == pytest.approx(tensions.effort[judged].min() - robot.tension_min)
+    assert lowest.margin == pytest.approx((tensions.effort[judged] - robot.tension_min).min())
     row = np.argmin(np.abs(run.recording.seconds(tensions.time_ns) - lowest.time))
-    assert tensions.effort[row, lowest.index - 1] == pytest.approx(lowest.margin + robot.tension_min)
-    # the platform rises 0.15 m above the centre at 1 m and stays 1.4 m from x's border less 0.3 m
-    assert run.metrics.margins["workspace_m"].margin == pytest.approx(0.7, abs=1e-6)
+    assert tensions.effort[row, lowest.index - 1] == pytest.approx(lowest.margin + lowest.limit)
+    # y's border is 0.7 m from the centre, and the platform moves 0.05 m towards it
+    assert run.metrics.margins["workspace_m"].margin == pytest.approx(0.65, abs=1e-6)
 
 
 def test_cycle_and_what_the_driver_counted(run: RunAnalysis) -> None:
@@ -101,15 +115,16 @@ def test_motors_and_cables_do_the_work_that_the_platform_takes(record: Callable[
 def test_metrics_are_json_without_nan(run: RunAnalysis, record: Callable[..., Path]) -> None:
     content = json.loads(json.dumps(run.metrics.as_mapping(), allow_nan=False))
     assert {
-        "position_error_deg", "velocity_error_deg_per_s", "tension_error_n", "mass", "saturation", "margins",
-        "cycle", "energy_j",
+        "platform", "position_error_deg", "velocity_error_deg_per_s", "tension_error_n", "mass", "saturation",
+        "margins", "cycle", "energy_j",
     } <= content.keys()  # fmt: skip
     assert len(content["position_error_deg"]["rms"]) == 8
     (bare,) = analyse_bags(
-        [record(omitted=("/simulation/payload", "/cable_tensions", "/diagnostics"))],
+        [record(omitted=("/true_pose", "/simulation/payload", "/cable_tensions", "/diagnostics"))],
         configuration_directory=CONFIG,
     )
     content = json.loads(json.dumps(bare.metrics.as_mapping(), allow_nan=False))
+    assert content["platform"] is None
     assert content["mass"]["bias"] is None
     assert content["tension_error_n"] is None
     assert content["energy_j"]["cables"] is None

@@ -14,6 +14,7 @@ import pytest
 from cspr_control.analysis.numbers.cycles import CycleMetrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics, MassTrace, settling_time
+from cspr_control.analysis.numbers.platform_error import PlatformMetrics, PoseDeviation
 from cspr_control.analysis.numbers.run_summary import (
     RunSummary,
     format_comparison,
@@ -26,6 +27,8 @@ from cspr_control.errors import ControlError
 
 from ..conftest import CONFIG
 
+DEVIATION = PoseDeviation(3.43, 3.4, 5.1, np.array([0.1, 0.2, -3.4]), 0.05, 0.09)
+PLATFORM = PlatformMetrics("true pose", np.zeros(3), DEVIATION, DEVIATION, None)
 WINDOW = Window("trajectory", 0.0, 10.0)
 CYCLE = CycleMetrics(250.0, 4.0, 4.2, 8.0, 0, WINDOW, 2500, 1, 400.0, 900.0, 2100.0)
 MASS = MassMetrics(199.5, 200.0, 0.1, 0.1, 20.0, (), 1.2)
@@ -40,6 +43,7 @@ def summary(**changes: Any) -> RunSummary:
         "trajectory": "paper-19",
         "window": WINDOW,
         "position_error": ErrorStatistics(step, step, 10.0 * step),
+        "platform": PLATFORM,
         "bag": "bag",
     }
     parts = {
@@ -93,11 +97,20 @@ def test_summary_as_mapping_is_json_with_the_promised_keys() -> None:
     } <= stored.keys()  # fmt: skip
     assert stored["command_latency_us"] == {"p50": 400.0, "p99": 900.0, "max": 2100.0}
     assert len(stored["rms_position_error_deg"]) == 8
+    of_the_platform = {name: value for name, value in stored.items() if "platform" in name}
+    assert of_the_platform == {
+        "platform_judged_by": "true pose", "rms_platform_error_mm": 3.43, "max_platform_error_mm": 5.1,
+        "mean_platform_error_z_mm": -3.4, "rms_platform_rotation_error_deg": 0.05,
+        "max_platform_rotation_error_deg": 0.09, "rms_platform_estimate_error_mm": 3.43,
+        "max_platform_estimate_error_mm": 5.1,
+    }  # fmt: skip
+    unknown = json.loads(json.dumps(summary(platform=None).as_mapping()))
+    assert {unknown[name] for name in of_the_platform} == {None}
 
 
 def test_tables_hold_every_motor_and_fit_a_terminal() -> None:
     one = format_summary(summary())
-    assert "motor 8" in one
+    assert one.index("RMS 3.43 mm, maximum 5.10 mm, mean in z -3.40 mm") < one.index("motor 8")
     assert "80.00" in one
     assert "good" in one
     both = format_comparison(
@@ -105,6 +118,8 @@ def test_tables_hold_every_motor_and_fit_a_terminal() -> None:
     )
     assert "pdff (exact mass)" in both
     assert "never" in both
+    assert "3.43" in both
+    assert "not known" in format_summary(summary(platform=None))
     assert max(map(len, (one + "\n" + both).splitlines())) <= 140
 
 

@@ -160,6 +160,49 @@ def test_quick_stop_keeps_the_torque_it_had_and_damps(desk):
     assert not desk.status() & BRAKE_OPEN
 
 
+def test_quick_stop_believes_a_frozen_encoder(desk):
+    """The drive sees a motor at rest: it brakes nothing, and closes the brake onto a motor that turns."""
+    desk.enable(torque=-220)
+    desk.plant.speeds[0] = 30.0
+    desk.drive.encoder.frozen = True
+    desk.drive.apply_faults()
+    desk.command(0x02, 0)
+    assert desk.plant.damping[0] == 0.0
+    desk.wait(CLOSE_DELAY + 0.004)
+    assert desk.plant.brake_closed[0]
+
+
+def test_quick_stop_brakes_the_speed_that_a_drifting_encoder_shows(desk):
+    desk.enable(torque=-220)
+    desk.plant.speeds[0] = -2.0
+    desk.drive.encoder.drift = 32.0
+    desk.drive.apply_faults()
+    assert desk.plant.torque[0] == pytest.approx(-1.1)
+    desk.command(0x02, 0)
+    assert desk.plant.damping[0] == DAMPING
+    assert desk.plant.torque[0] == pytest.approx(-1.1 - DAMPING * 32.0)
+    desk.wait(0.1)
+    assert not desk.plant.brake_closed[0]
+
+
+def test_answers_show_what_the_encoder_does(desk):
+    desk.enable()
+    desk.plant.angles[0], desk.plant.speeds[0] = 3.0, 10.0
+    desk.clock.time += 0.004
+    desk.sync()
+    desk.drive.encoder.frozen = True
+    desk.plant.angles[0] = 4.0
+    desk.clock.time += 0.004
+    desk.sync()
+    counts = 65536 / (2.0 * math.pi)
+    assert desk.read(0x6064, 0, signed=True) == pytest.approx(1000 + 3.0 * counts, abs=1)
+    assert desk.read(0x606C, 0, signed=True) == 0
+    desk.drive.encoder.frozen = False
+    desk.drive.latch()
+    assert desk.read(0x6064, 0, signed=True) == pytest.approx(1000 + 4.0 * counts, abs=1)
+    assert desk.read(0x606C, 0, signed=True) == pytest.approx(10.0 * counts, abs=1)
+
+
 def test_disable_follows_the_target_until_the_brake_holds(desk):
     desk.enable(torque=-220)
     desk.command(0x07, -230)

@@ -49,6 +49,16 @@ def test_payloads_arrive_in_time(clock, noted_plant):
     assert plant.payload.mass == 5.0
 
 
+def test_a_payload_takes_its_time_to_come_aboard(clock, noted_plant):
+    plant = noted_plant()
+    machine = SharedPlant(plant, (PayloadChange(1.0, payload(20.0), 0.5),), clock)
+    machine.change_payload(payload(10.0), 2.0, 0.25)
+    machine.advance(1.0)
+    assert plant.growth == 0.5
+    machine.advance(2.0)
+    assert plant.growth == 0.25
+
+
 def test_time_never_runs_back(clock, noted_plant):
     plant = noted_plant()
     machine = SharedPlant(plant, (), clock)

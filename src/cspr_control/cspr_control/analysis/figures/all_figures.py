@@ -134,8 +134,7 @@ def _measured_tensions(run: RunAnalysis) -> Figure | None:
 
 def _cable_lengths(run: RunAnalysis) -> Figure | None:
     states = run.recording.states
-    time, angles = _in_window(run, states.time_ns, states.position)
-    lengths = run.recording.robot.winch.cable_lengths(angles)
+    time, lengths = _in_window(run, states.time_ns, run.recording.cable_lengths())
     if time.size < 2:
         return None
     change = (lengths - lengths[0], "Change from the start", "length, m")
@@ -152,6 +151,19 @@ def _motor_errors(run: RunAnalysis) -> Figure | None:
     above = (position, "Motor position error", "error, deg")
     below = (velocity, "Motor velocity error", "error, deg/s")
     return paper_figures.two_panels(time, above, below, run.load_changes(), "motor")
+
+
+def _platform_error(run: RunAnalysis) -> Figure | None:
+    if run.platform is None:
+        return None
+    error, angle = run.platform, run.platform.angle
+    turned = np.full(error.time_ns.size, np.nan) if angle is None else np.degrees(angle)
+    values = np.column_stack((1e3 * error.position, 1e3 * error.distance, turned))
+    time, shown = _in_window(run, error.time_ns, values)
+    if time.size < 2:
+        return None
+    rotation = None if angle is None else shown[:, 4]
+    return run_figures.platform_error_figure(time, shown[:, :4], rotation, run.load_changes())
 
 
 def _model_deviation(runs: Sequence[RunAnalysis]) -> Figure | None:
@@ -216,6 +228,7 @@ def _in_window(run: RunAnalysis, time_ns: NDArray[np.int64], *values: Floats) ->
 
 
 _ONE_RUN: dict[str, Callable[[RunAnalysis], Figure | None]] = {
+    "platform_error": _platform_error,
     "fig07_trajectory": _trajectory,
     "fig08_model_tensions": _model_tensions,
     "fig10_payload_change": _payload_change,

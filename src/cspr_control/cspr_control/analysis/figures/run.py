@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cspr_control.analysis.figures.paper import mark_times
 from cspr_control.analysis.figures.style import (
+    COLOURS,
     EVENT_COLOUR,
     REFERENCE_COLOUR,
     WIDTH,
@@ -25,6 +26,38 @@ from cspr_control.analysis.numbers.cycles import cycle_bins
 Floats = NDArray[np.float64]
 
 _CYCLE_BINS = 120  # at most
+
+
+def platform_error_figure(
+    time: Floats, error: Floats, angle: Floats | None = None, changes: Mapping[float, str] | None = None
+) -> Figure:
+    """How far the platform was from where it should be.
+
+    Parameters
+    ----------
+    time
+        (n,), s.
+    error
+        True or measured less wanted position along x, y and z, and the distance (n, 4), mm.
+    angle
+        By which it was turned (n,), degrees.
+    changes
+        When the payload changes, s, and how, such as ``+100 kg``.
+    """
+    figure = Figure(figsize=(WIDTH, 3.0 if angle is None else 4.6), layout="constrained")
+    axes = figure.subplots(1 if angle is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    for k, name in enumerate("xyz"):
+        axes[0].plot(time, error[:, k], color=COLOURS[k], linewidth=0.9, label=name)
+    axes[0].plot(time, error[:, 3], color=REFERENCE_COLOUR, linewidth=1.1, label="distance")
+    axes[0].set(ylabel="error, mm", title="Platform error: true or measured less wanted position")
+    axes[0].legend(ncols=4, loc="best")
+    if angle is not None:
+        axes[1].plot(time, angle, color=COLOURS[0], linewidth=0.9)
+        axes[1].set(ylabel="angle, deg", title="Platform turned")
+    for axis in axes:
+        mark_times(axis, changes, label=axis is axes[0])
+    axes[-1].set(xlabel="time, s")
+    return figure
 
 
 def measured_tensions_figure(

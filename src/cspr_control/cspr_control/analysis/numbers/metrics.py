@@ -7,13 +7,15 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cspr_control.analysis.numbers.cycles import CycleMetrics, cycle_metrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics, recorded_mass
 from cspr_control.analysis.numbers.motor_errors import MotorErrors
+from cspr_control.analysis.numbers.platform_error import PlatformMetrics, platform_metrics
 from cspr_control.analysis.numbers.predicted_tensions import PredictedTensions
+from cspr_control.analysis.pose_track import PoseDifference
 from cspr_control.analysis.recording import Recording, Window
 from cspr_msgs_py.json_file import plain
 
@@ -79,6 +81,8 @@ class RunMetrics:
         The window of all numbers but those that the driver counts (`CycleMetrics.counted`).
     duration
         Time on the trajectories, or of the whole recording if there was none, s.
+    platform
+        Where the platform was, by its true or measured pose.
     position_error
         Of each motor, degrees.
     velocity_error
@@ -95,6 +99,7 @@ class RunMetrics:
     robot: str
     window: Window
     duration: float
+    platform: PlatformMetrics | None
     position_error: ErrorStatistics | None
     velocity_error: ErrorStatistics | None
     tension_error: ErrorStatistics | None
@@ -119,7 +124,10 @@ class RunMetrics:
 
 
 def run_metrics(
-    recording: Recording, errors: MotorErrors | None, predicted: PredictedTensions | None
+    recording: Recording,
+    platform: PoseDifference | None,
+    errors: MotorErrors | None,
+    predicted: PredictedTensions | None,
 ) -> RunMetrics:
     """Compute the numbers of a run.
 
@@ -127,8 +135,8 @@ def run_metrics(
     ----------
     recording
         The run.
-    errors, predicted
-        Its motor errors and predicted tensions, as far as there are any.
+    platform, errors, predicted
+        Its platform error, motor errors and predicted tensions, as far as there are any.
     """
     states = recording.states
     inside = recording.in_window(states.time_ns)
@@ -147,6 +155,7 @@ def run_metrics(
         recording.window,
         sum(run.end_ns - run.start_ns for run in recording.trajectories) * 1e-9
         or float(np.ptp(times)) * 1e-9,
+        platform_metrics(recording, platform),
         position,
         velocity,
         None if deviation is None else ErrorStatistics.of(deviation),
@@ -186,10 +195,13 @@ def _margins(recording: Recording, inside: NDArray[np.bool_]) -> dict[str, Margi
     time = recording.seconds(states.time_ns[inside])
     margins: dict[str, Margin] = {}
 
-    def add(name: str, distance: Floats, limit: float, time: Floats) -> None:
+    def add(name: str, distance: Floats, limit: ArrayLike, time: Floats) -> None:
         if np.isfinite(distance).any():
             row, column = np.unravel_index(int(np.nanargmin(distance)), distance.shape)
-            margins[name] = Margin(float(distance[row, column]), limit, int(column) + 1, float(time[row]))
+            limits = np.broadcast_to(np.asarray(limit, dtype=float), distance.shape[1])
+            margins[name] = Margin(
+                float(distance[row, column]), float(limits[column]), int(column) + 1, float(time[row])
+            )
 
     if recording.tensions is not None:
         tensions = recording.tensions

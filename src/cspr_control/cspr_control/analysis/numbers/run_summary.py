@@ -16,6 +16,7 @@ from cspr_control.analysis.numbers.cycles import CycleMetrics
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import LEAST_TOLERANCE, MassMetrics
 from cspr_control.analysis.numbers.metrics import RunMetrics
+from cspr_control.analysis.numbers.platform_error import PlatformMetrics, PoseDeviation
 from cspr_control.analysis.recording import Window
 from cspr_control.errors import ControlError
 from cspr_msgs_py.json_file import plain
@@ -36,6 +37,8 @@ class RunSummary:
         Of each motor (m,), degrees at its shaft, as in the paper's Fig. 11.
     mass
         Of the payload alone.
+    platform
+        Of the true or measured pose; None if there is none.
     bag
         Where it is recorded; empty if it is not.
     cause
@@ -49,6 +52,7 @@ class RunSummary:
     position_error: ErrorStatistics
     mass: MassMetrics
     cycle: CycleMetrics
+    platform: PlatformMetrics | None = None
     bag: str = ""
     cause: str = ""
 
@@ -81,6 +85,7 @@ class RunSummary:
             position,
             mass,
             cycle,
+            metrics.platform,
             metrics.bag,
             cause,
         )
@@ -89,6 +94,11 @@ class RunSummary:
     def name(self) -> str:
         """The controller, with the mass that it was given."""
         return controller_label(self.controller, self.exact_mass)
+
+    @property
+    def platform_deviations(self) -> tuple[PoseDeviation | None, PoseDeviation | None]:
+        """The platform's error, and that of its estimated pose; None for what is not known."""
+        return (None, None) if self.platform is None else (self.platform.error, self.platform.estimate)
 
     @property
     def mean_rms_deg(self) -> float:
@@ -103,12 +113,21 @@ class RunSummary:
     def as_mapping(self) -> dict[str, Any]:
         """Return the summary as it is stored in summary.json: over ``window``, where a number names no other."""
         cycle, mass = self.cycle, self.mass
+        error, estimate = self.platform_deviations
         mapping: dict[str, Any] = plain(
             {
                 "controller": self.controller,
                 "exact_mass": self.exact_mass,
                 "trajectory": self.trajectory,
                 "window": self.window,
+                "platform_judged_by": self.platform and self.platform.judged_by,
+                "rms_platform_error_mm": error and error.rms_mm,
+                "max_platform_error_mm": error and error.max_mm,
+                "mean_platform_error_z_mm": error and error.mean_mm[2],
+                "rms_platform_rotation_error_deg": error and error.rotation_rms_deg,
+                "max_platform_rotation_error_deg": error and error.rotation_max_deg,
+                "rms_platform_estimate_error_mm": estimate and estimate.rms_mm,
+                "max_platform_estimate_error_mm": estimate and estimate.max_mm,
                 "rms_position_error_deg": self.position_error.rms,
                 "max_position_error_deg": self.position_error.maximum,
                 "mean_rms_position_error_deg": self.mean_rms_deg,
@@ -157,6 +176,7 @@ def format_summary(summary: RunSummary) -> str:
     row = "  {:<22}" + "{:>8}" * (m + 1)
     lines = [
         f"{summary.name} on {summary.trajectory}",
+        *_platform(summary),
         row.format("position error (deg)", *(f"motor {k}" for k in range(1, m + 1)), "mean"),
         row.format("  RMS", *(f"{e:.2f}" for e in errors.rms), f"{summary.mean_rms_deg:.2f}"),
         row.format("  maximum", *(f"{e:.2f}" for e in errors.maximum), f"{errors.maximum.mean():.2f}"),
@@ -184,14 +204,15 @@ def format_summary(summary: RunSummary) -> str:
 def format_comparison(summaries: Sequence[RunSummary]) -> str:
     """Return several runs as one table, one line per run."""
     motors = [f"motor {k}" for k in range(1, len(summaries[0].position_error.rms) + 1)]
-    row = "{:<22}" + "{:>8}" * (len(motors) + 1) + "{:>9}{:>11}{:>9}{:>9}"
+    row = "{:<22}{:>9}" + "{:>8}" * (len(motors) + 2) + "{:>11}{:>9}{:>9}"
     lines = [
-        f"RMS position error in degrees on {summaries[0].trajectory}",
-        row.format("controller", *motors, "mean", "max", "mass error", "settled", "missed"),
+        f"RMS position error on {summaries[0].trajectory}: of the platform in mm, of the motors in degrees",
+        row.format("controller", "platform", *motors, "mean", "max", "mass error", "settled", "missed"),
     ]
     lines += [
         row.format(
             run.name,
+            "-" if (error := run.platform_deviations[0]) is None else f"{error.rms_mm:.2f}",
             *(f"{e:.2f}" for e in run.position_error.rms),
             f"{run.mean_rms_deg:.2f}",
             f"{run.position_error.maximum.max():.2f}",
@@ -202,6 +223,25 @@ def format_comparison(summaries: Sequence[RunSummary]) -> str:
         for run in summaries
     ]
     return "\n".join(lines)
+
+
+def _platform(summary: RunSummary) -> list[str]:
+    """Return what is said of the platform, one or two lines."""
+    error, estimate = summary.platform_deviations
+    if summary.platform is None or error is None:
+        return ["  platform error        not known: there is no true or measured pose"]
+    text = (
+        f"  platform error        RMS {error.rms_mm:.2f} mm, maximum {error.max_mm:.2f} mm, mean in z "
+        f"{error.mean_mm[2]:+z.2f} mm"
+    )
+    if math.isfinite(error.rotation_rms_deg):
+        text += f", turned by {error.rotation_rms_deg:.3f} deg RMS"
+    lines = [f"{text}, by {summary.platform.judged_by}"]
+    if estimate is not None:
+        lines.append(
+            f"  estimated pose        RMS {estimate.rms_mm:.2f} mm, maximum {estimate.max_mm:.2f} mm off that"
+        )
+    return lines
 
 
 def _settled(mass: MassMetrics) -> str:

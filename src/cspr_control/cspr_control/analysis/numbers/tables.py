@@ -12,13 +12,14 @@ from cspr_control.analysis.figures.style import controller_title
 from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics
 from cspr_control.analysis.numbers.metrics import Margin
+from cspr_control.analysis.numbers.platform_error import PlatformMetrics, PoseDeviation
 from cspr_control.analysis.run_analysis import RunAnalysis
 
 NOT_KNOWN = "-"
 
 _ERRORS = (  # with their attribute of `RunMetrics`, and decimals
-    ("position error, deg", "position_error", 2),
-    ("velocity error, deg/s", "velocity_error", 1),
+    ("motor position error, deg", "position_error", 2),
+    ("motor velocity error, deg/s", "velocity_error", 1),
     ("measured minus model tension, N", "tension_error", 1),
 )
 _MARGINS = {
@@ -28,6 +29,7 @@ _MARGINS = {
     "speed_rad_per_s": ("margin to the speed limit", "motor", "rad/s"),
     "workspace_m": ("margin to the workspace border", "", "m"),
 }
+_NO_DEVIATION = PoseDeviation(math.nan, math.nan, math.nan, np.full(3, np.nan), math.nan, math.nan)
 _NO_MASS = MassMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, (), None)
 
 
@@ -46,6 +48,7 @@ def _summary(run: RunAnalysis) -> dict[str, str]:
         "payload": run.load_text(),
         "evaluated, s": _number(one.duration, 2),
     }
+    texts |= _platform(one.platform)
     for name, attribute, digits in _ERRORS:
         error: ErrorStatistics | None = getattr(one, attribute)
         texts |= {
@@ -79,6 +82,21 @@ def _summary(run: RunAnalysis) -> dict[str, str]:
         "energy supplied, J": _number(energy.supplied.sum(), 0),
         "energy returned, J": _number(energy.returned.sum(), 0),
         "work of the cables, J": _number(energy.cables, 0),
+    }
+
+
+def _platform(platform: PlatformMetrics | None) -> dict[str, str]:
+    error = _NO_DEVIATION if platform is None else platform.error or _NO_DEVIATION
+    estimate = _NO_DEVIATION if platform is None else platform.estimate or _NO_DEVIATION
+    return {
+        "platform judged by": NOT_KNOWN if platform is None else platform.judged_by,
+        "platform error, mm: RMS": _number(error.rms_mm, 2),
+        "platform error, mm: maximum": _number(error.max_mm, 2),
+        "platform error, mm: mean in x / y / z": _triple(*error.mean_mm.tolist()),
+        "platform turned, deg: RMS": _number(error.rotation_rms_deg, 3),
+        "platform turned, deg: maximum": _number(error.rotation_max_deg, 3),
+        "estimated pose's error, mm: RMS": _number(estimate.rms_mm, 2),
+        "estimated pose's error, mm: maximum": _number(estimate.max_mm, 2),
     }
 
 

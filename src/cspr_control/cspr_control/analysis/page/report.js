@@ -339,8 +339,29 @@ function buildCharts(page) {
   };
 
   lines(
+    { id: "platform-error", title: "Platform error", unit: "error, mm",
+      note: "True or measured position less the reference, in base." },
+    (run) => run.blocks.platform && [
+      ...["x", "y", "z"].map((axis, k) => ({ name: axis, color: AXIS_COLORS[k], block: run.blocks.platform, column: k })),
+      { name: "distance", color: "#444444", block: run.blocks.platform, column: 3 },
+    ],
+  );
+  lines(
+    { id: "platform-rotation", title: "Platform turned", unit: "angle, deg",
+      note: "Angle between the true or measured orientation and the reference." },
+    (run) => run.blocks.platform && [
+      { name: "angle", color: run.color, block: run.blocks.platform, column: 4 },
+    ],
+  );
+  lines(
+    { id: "position-errors", title: "Motor position errors", unit: "error, deg",
+      note: "Desired minus measured angle at the motor shaft. Fig. 12 shows motor 3: hide the others." },
+    each("errors", 0, "motor"),
+  );
+  lines({ id: "velocity-errors", title: "Motor velocity errors", unit: "error, deg/s" }, each("errors", m, "motor"));
+  lines(
     { id: "trajectory", title: "Trajectory", unit: "position, m",
-      note: "Fig. 7 of the paper. Dashed: reference; solid: forward kinematics of the motor angles." },
+      note: "Fig. 7 of the paper. Dashed: reference; solid: estimated from motor angles and tensions." },
     (run) => [
       ...["x", "y", "z"].flatMap((axis, k) => [
         run.blocks.pose && { name: axis, color: AXIS_COLORS[k], block: run.blocks.pose, column: k },
@@ -399,12 +420,6 @@ function buildCharts(page) {
       })) }],
     }));
   }
-  lines(
-    { id: "position-errors", title: "Motor position errors", unit: "error, deg",
-      note: "Desired minus measured angle at the motor shaft. Fig. 12 shows motor 3: hide the others." },
-    each("errors", 0, "motor"),
-  );
-  lines({ id: "velocity-errors", title: "Motor velocity errors", unit: "error, deg/s" }, each("errors", m, "motor"));
   lines(
     { id: "tensions", title: "Measured tensions", unit: "tension, N",
       note: "Solid: load cells; dashed: the dynamic model." },

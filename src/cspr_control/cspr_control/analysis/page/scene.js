@@ -193,7 +193,7 @@ class Scene {
       const hidden = this.page.hiddenMotors.has(k);
       c.globalAlpha = hidden ? 0.12 : 1;
       c.lineWidth = 2.4;
-      c.setLineDash(tensions[k] < robot.tension_min ? [5, 4] : []);
+      c.setLineDash(tensions[k] < robot.tension_min[k] ? [5, 4] : []);
       const color = mixColors(this.page.report.tension_colours, tensions[k] / this.page.report.tension_scale);
       this.line(c, [anchors[k], robot.exit_points[k]], color);
     }

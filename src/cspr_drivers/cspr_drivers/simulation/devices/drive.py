@@ -18,6 +18,7 @@ from cspr_drivers.canopen.cia402 import (
     State,
 )
 from cspr_drivers.canopen.nmt import NmtState
+from cspr_drivers.canopen.units import wrapped
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 from cspr_drivers.simulation.devices.drive_states import (
@@ -26,6 +27,7 @@ from cspr_drivers.simulation.devices.drive_states import (
     DriveStateMachine,
     Phase,
 )
+from cspr_drivers.simulation.devices.encoder import Encoder
 from cspr_drivers.simulation.devices.node import EmulatedNode
 from cspr_drivers.simulation.plant.shared import SharedPlant
 from cspr_drivers.simulation.simulation_config import BrakeProperties, DriveProperties
@@ -72,6 +74,8 @@ class DriveEmulator(EmulatedNode):
     ----------
     automaton
         State, power stage and brake.
+    encoder
+        On the motor's shaft; all that the drive does by itself rests on what it shows.
     emergency_stop
         Whether the emergency stop chain is open, see `set_emergency_stop`.
     warning
@@ -105,6 +109,7 @@ class DriveEmulator(EmulatedNode):
         self._brake_open_flag = 1 << can_config.brake_open_bit
         self._new_automaton = partial(DriveStateMachine, brake, drive, self.value)
         self.automaton = self._new_automaton()
+        self.encoder = Encoder()
         self.emergency_stop = False
         self.warning = False
         self.mode_is_lost = False
@@ -119,6 +124,7 @@ class DriveEmulator(EmulatedNode):
         self._demand = 0  # thousandths of the rated torque
         self._limited = False
         self._angle = self._speed = self._torque = 0.0
+        self._counter_shift = 0  # increments by which the position value is off
         self._outputs = (0.0, 0.0, True)  # what the plant has: torque, damping, brake closed
         self.readers |= {
             (0x603F, 0): lambda: self._error_code,
@@ -126,8 +132,8 @@ class DriveEmulator(EmulatedNode):
             (0x6041, 0): self._status_word,
             (0x6060, 0): lambda: self._mode,
             (0x6061, 0): lambda: _NO_MODE if self.mode_is_lost else self._mode,
-            (0x6064, 0): lambda: _wrapped(self._units.counts(self._angle)),
-            (0x606C, 0): lambda: _wrapped(self._units.counts(self._speed) - self._units.home_counts),
+            (0x6064, 0): lambda: wrapped(self._units.counts(self._angle) + self._counter_shift),
+            (0x606C, 0): lambda: wrapped(self._units.counts(self._speed) - self._units.home_counts),
             (0x6071, 0): lambda: self._target_torque,
             (0x6072, 0): lambda: self._max_torque,
             (0x6074, 0): lambda: self._demand,
@@ -152,8 +158,8 @@ class DriveEmulator(EmulatedNode):
     def latch(self) -> None:
         """Take angle, speed and torque of the motor."""
         sensed = self._machine.measure()
-        self._angle = sensed.angles[self._index]
-        self._speed = sensed.speeds[self._index]
+        self._angle = self.encoder.angle(self._machine.time, sensed.angles[self._index])
+        self._speed = self.encoder.speed(sensed.speeds[self._index])
         self._torque = sensed.torques[self._index]
 
     def applied(self, time: float) -> None:
@@ -203,6 +209,14 @@ class DriveEmulator(EmulatedNode):
                 if self.automaton.state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
                     self.automaton.state = State.SWITCH_ON_DISABLED
 
+    def shift_counter(self, revolutions: float) -> None:
+        """Let the encoder count so many revolutions of the motor that it has not made."""
+        self._counter_shift += round(revolutions * self._units.encoder_increments)
+
+    def turn_counter_round(self, times: int = 1) -> None:
+        """Let the position counter go round its 32 bits."""
+        self._counter_shift += times * 2**32
+
     def power_cycle(self) -> None:
         """Lose the supply and boot again: the motor coasts until the brake, closed by its spring, holds."""
         with self._machine.lock:
@@ -231,7 +245,7 @@ class DriveEmulator(EmulatedNode):
         if self.automaton.settled:
             return
         self._machine.advance(time)
-        self.automaton.advance(time, self._machine.measure().speeds[self._index])
+        self.automaton.advance(time, self.encoder.speed(self._machine.measure().speeds[self._index]))
         self._drive()
 
     def apply_faults(self) -> None:
@@ -261,7 +275,9 @@ class DriveEmulator(EmulatedNode):
         torque = self._units.torque(self._demand)
         if self.runs_away and automaton.follows_target:
             torque = self.runs_away * self._max_torque * self._units.rated_torque / 1000.0
-        damping = self._damping * automaton.damping
+        # The plant damps the true speed; the drive damps the one that its encoder shows.
+        damping = 0.0 if self.encoder.frozen else self._damping * automaton.damping
+        torque -= damping * self.encoder.drift
         closed = self.blocked or not automaton.brake_open
         outputs = (torque, damping, closed)
         if outputs == self._outputs:
@@ -307,8 +323,3 @@ class DriveEmulator(EmulatedNode):
         if value not in allowed:
             raise SdoAbortedError(SdoAbort.INVALID_VALUE)
         self._store(index, 0, value)
-
-
-def _wrapped(counts: int) -> int:
-    """Return counts as the 32-bit counter of a drive shows them."""
-    return (counts + 2**31) % 2**32 - 2**31

@@ -43,6 +43,8 @@ class LoadCellEmulator(EmulatedNode):
     ----------
     stuck, saturated
         Injected faults: the value stays what it was, or is at the end of the measuring range.
+    shift, gain_loss
+        Injected faults: N that are shown too much, and the share of the tension that is shown too little.
     """
 
     def __init__(
@@ -64,6 +66,7 @@ class LoadCellEmulator(EmulatedNode):
         self._generator = np.random.default_rng((seed, index))
         self._noise: list[float] = []
         self.stuck = self.saturated = False
+        self.shift = self.gain_loss = 0.0
         self._drift_rate = 0.0  # N/s
         self._drift_since = 0.0  # plant time, s
         self._input_offset = 0  # added to the process value, 9124h
@@ -115,8 +118,9 @@ class LoadCellEmulator(EmulatedNode):
 
     def _shown(self, noise: float) -> int:
         tension = self._machine.measure().tensions[self._index]
-        drift = self._drift_rate * (self._machine.time - self._drift_since)
-        return self._units.process_value(self._gain * tension + self._offset + drift + noise)
+        drift = self._drift_rate * (self._machine.time - self._drift_since) + self.shift
+        gain = self._gain * (1.0 - self.gain_loss)
+        return self._units.process_value(gain * tension + self._offset + drift + noise)
 
     def _autozero(self, signature: int) -> None:
         if signature != AUTOZERO_SIGNATURE:

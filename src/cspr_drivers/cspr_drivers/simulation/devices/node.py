@@ -61,9 +61,10 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         Present NMT state.
     readers, writers
         Functions of the live objects, by index and subindex.
-    disconnected, pdos_missing, heartbeat_missing
+    disconnected, pdos_missing, heartbeat_missing, sdo_cut, doubled
         Injected faults: the device is off the bus and neither hears nor is heard, it sends no TPDOs, or no
-        heartbeat.
+        heartbeat; its SDO answers end after two bytes; another one with its node id answers each SYNC after it, and
+        always the same.
     """
 
     def __init__(
@@ -75,7 +76,8 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
     ) -> None:
         super().__init__(node_id, str(eds))
         self.nmt_state = NmtState.BOOT_UP
-        self.disconnected = self.pdos_missing = self.heartbeat_missing = False
+        self.disconnected = self.pdos_missing = self.heartbeat_missing = self.sdo_cut = False
+        self.sdo.send_response = self._answer_sdo
         self._machine = machine
         self._nameplate = dict(nameplate)
         self._errors = ErrorLog()
@@ -84,6 +86,7 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         self._pdo_configuration = PdoConfiguration(self.object_dictionary, self.value)
         self._receive_pdos: dict[int, ReceivePdo] = {}
         self._transmit_pdos: list[TransmitPdo] = []
+        self._of_the_other: list[bytes] = []  # what a second device with this node id answers
         self._request_time = 0.0  # plant time of the SDO request being served
         self.readers: dict[tuple[int, int], Callable[[], int]] = {
             (0x1001, 0): lambda: self._errors.register,
@@ -226,6 +229,9 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
                 self.latch()
                 self.sdo.on_request(can_id, data, timestamp)
 
+    def _answer_sdo(self, answer: bytes) -> None:
+        self._send(self.sdo.tx_cobid, answer[:2] if self.sdo_cut else answer)
+
     # Process data
 
     def _install_pdos(self) -> None:
@@ -276,9 +282,22 @@ class EmulatedNode(canopen.LocalNode):  # type: ignore[misc]  # canopen's classe
         """Send what was latched at the last SYNC."""
         if self.nmt_state is not NmtState.OPERATIONAL:
             return
-        for pdo in self._transmit_pdos:
-            if pdo.synchronous:
-                self._transmit(pdo.on_sync())
+        answers = [pdo.on_sync() for pdo in self._transmit_pdos if pdo.synchronous]
+        for message in answers:
+            self._transmit(message)
+        for message, data in zip(answers, self._of_the_other, strict=False):
+            message.assign(data)
+            self._transmit(message)
+
+    @property
+    def doubled(self) -> bool:
+        """Whether another device with this node id answers as well."""
+        return bool(self._of_the_other)
+
+    @doubled.setter
+    def doubled(self, doubled: bool) -> None:
+        synchronous = [pdo for pdo in self._transmit_pdos if pdo.synchronous] if doubled else []
+        self._of_the_other = [bytes(pdo.on_sync().data) for pdo in synchronous]
 
     def _transmit(self, message: can.Message | None) -> None:
         if message is None or self.disconnected or self.pdos_missing:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import can
-
 from cspr_drivers.bus.can_bus import CyclicFrame
 from cspr_drivers.simulation.devices.pdo_configuration import ActivePdo
 
@@ -69,11 +67,11 @@ class TransmitPdo:
         self._last_time = 0.0
         self._last_data = b""
 
-    def on_sync(self) -> can.Message:
+    def on_sync(self) -> CyclicFrame:
         """Return the frame that a SYNC asks for."""
         return self._frame(self._data())
 
-    def on_event(self, time: float) -> can.Message | None:
+    def on_event(self, time: float) -> CyclicFrame | None:
         """Return the frame to send at a time, s, because a value has changed or the event timer ran out."""
         data = self._data()
         if data == self._last_data and not (
@@ -87,6 +85,6 @@ class TransmitPdo:
     def _data(self) -> bytes:
         return self._layout.encode(*[reader() for reader in self._readers])
 
-    def _frame(self, data: bytes) -> can.Message:
+    def _frame(self, data: bytes) -> CyclicFrame:
         self._message.assign(data)
         return self._message

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from cspr_drivers.clock import COMPUTER, Clock
 from cspr_drivers.errors import DriverError
-from cspr_drivers.simulation.simulation_config import PayloadChange
+from cspr_drivers.simulation.simulation_config import PayloadChange, Sling
 from cspr_kinematics import Payload
 
 if TYPE_CHECKING:  # users of another plant need no MuJoCo
@@ -109,6 +109,10 @@ class SharedPlant:
         """Return the plant time, s, of a moment on the system clock, s since 1970."""
         return stamp - self._system_start
 
+    def system_time(self, time: float) -> float:
+        """Return the moment on the system clock, s since 1970, of a plant time, s."""
+        return time + self._system_start
+
     def time_at(self, stamp: float) -> float:
         """Return the plant time, s, at which a frame with this time stamp was on the bus."""
         time = stamp - self._system_start
@@ -140,7 +144,7 @@ class SharedPlant:
             while self._payload_changes and self._payload_changes[0].time <= time:
                 change = self._payload_changes.pop(0)
                 self.plant.advance(change.time)
-                self.plant.set_payload(change.payload)
+                self.plant.set_payload(change.payload, change.duration, change.sling)
             self.plant.advance(time)
         except DriverError as error:
             self.failure = error
@@ -181,6 +185,12 @@ class SharedPlant:
             self._measured = True
         return self.newest_measurement
 
-    def change_payload(self, payload: Payload, time: float) -> None:
-        """Let a payload replace the present one at a plant time, s; a time in the past means at once."""
-        bisect.insort(self._payload_changes, PayloadChange(time, payload), key=lambda change: change.time)
+    def change_payload(
+        self, payload: Payload, time: float, duration: float = 0.0, sling: Sling | None = None
+    ) -> None:
+        """Let a payload replace the present one from a plant time, s, on; a time in the past means at once.
+
+        It takes a duration, s, or hangs on a sling; see `Plant.set_payload`.
+        """
+        change = PayloadChange(time, payload, duration, sling)
+        bisect.insort(self._payload_changes, change, key=lambda change: change.time)

@@ -1,0 +1,58 @@
+"""The rigid motion between two frames, against scipy's own solution of the same problem."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cspr_control.analysis.alignment import align
+from cspr_control.errors import ControlError
+
+TURN = Rotation.from_euler("xyz", [20.0, -35.0, 140.0], degrees=True)
+MOVE = np.array([500_000.0, -12.0, 3.0])
+
+
+def curve(n: int = 200) -> np.ndarray:
+    t = np.linspace(0.0, 1.0, n)
+    return np.stack([np.cos(3.0 * t), t**2, 0.3 * t], axis=-1)
+
+
+def test_a_frame_is_found_that_was_turned_and_moved() -> None:
+    wanted = curve()
+    measured = TURN.inv().apply(wanted - MOVE)
+    found = align(measured, wanted)
+    np.testing.assert_allclose(found.apply(measured), wanted, atol=1e-8)
+    np.testing.assert_allclose(found.rotation.as_matrix(), TURN.as_matrix(), atol=1e-9)
+    assert found.residual_rms_mm < 1e-4
+    assert "turned by the rotation vector" in str(found)
+
+
+def test_it_fits_noise_as_scipy_does() -> None:
+    rng = np.random.default_rng(4)
+    wanted = curve()
+    measured = TURN.inv().apply(wanted) + rng.normal(0.0, 0.01, wanted.shape)
+    found = align(measured, wanted)
+    theirs, distance = Rotation.align_vectors(wanted - wanted.mean(axis=0), measured - measured.mean(axis=0))
+    np.testing.assert_allclose(found.rotation.as_matrix(), theirs.as_matrix(), atol=1e-9)
+    assert found.residual_rms_mm == pytest.approx(1e3 * distance / len(wanted) ** 0.5)
+
+
+def test_a_plane_path_is_not_mirrored() -> None:
+    wanted = curve() * [1.0, 1.0, 0.0]
+    found = align(TURN.inv().apply(wanted), wanted)
+    assert np.linalg.det(found.rotation.as_matrix()) == pytest.approx(1.0)
+    np.testing.assert_allclose(found.rotation.as_matrix(), TURN.as_matrix(), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        (np.linspace(0.0, 1.0, 50)[:, None] * [1.0, 2.0, 3.0], "lie on one line"),
+        (np.ones((50, 3)), "lie on one line"),
+        (curve(2), "there are 2 positions"),
+    ],
+)
+def test_what_leaves_a_rotation_open_is_refused(points: np.ndarray, words: str) -> None:
+    with pytest.raises(ControlError, match=words):
+        align(points, points)

@@ -1,0 +1,114 @@
+"""The supervisor as a component: what makes it check at once."""
+
+import numpy as np
+import pytest
+
+from cspr_control.components.component import Call, Remark
+from cspr_control.components.supervision import SERVICES, SupervisionComponent
+from cspr_control.parameters.settings import supervision_limits
+from cspr_control.supervision.supervisor import Action
+from cspr_kinematics import Payload, Robot, holding_tensions
+from cspr_msgs_py.parameters.table import defaults
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    DIAGNOSTICS,
+    DRIVE_STATES,
+    MOTOR_STATES,
+    PLATFORM_POSE,
+    REFERENCE,
+    SETPOINT,
+)
+from cspr_msgs_py.vocabulary import DriverState, HealthKey, Level, RobotState
+from cspr_msgs_py.wire.joint_state import JointStateSample
+from cspr_msgs_py.wire.samples import PoseSample, Status, StatusArray
+
+CYCLE = 0.004  # s
+NONE = np.empty(0)
+
+
+def component(robot):
+    return SupervisionComponent(robot, supervision_limits(robot, defaults("supervisor")))
+
+
+class Home:
+    """A supervisor of a robot at its home pose, all of whose inputs arrive each cycle."""
+
+    def __init__(self, robot):
+        self.supervision = component(robot)
+        self.tensions = holding_tensions(robot, robot.home, Payload.none()).tensions
+        self.sound = robot.motor_angles(robot.winch.home_lengths, self.tensions)
+        self.torques = robot.winch.motor_torque(self.tensions)
+        self.position = robot.home.position
+        self.encoder_errors = np.zeros(8)
+        self.drives = DriverState.DISABLED
+        self.time = 5.0
+        self.noise = np.random.default_rng(1)
+
+    def cycle(self):
+        """Let a cycle pass; return what comes of it, by its inputs."""
+        self.time += CYCLE
+        stamp, still = round(self.time * 1e9), np.zeros(8)
+        angles = self.sound + self.encoder_errors
+        states = StatusArray(stamp, (Status("can_drives", Level.OK, self.drives.value, {}),))
+        said = {}
+        for topic, sample in (
+            (DRIVE_STATES, states),
+            (REFERENCE, None),  # that it came is all that counts
+            (SETPOINT, JointStateSample(stamp, self.sound, still, still)),
+            (PLATFORM_POSE, PoseSample(stamp, self.position, np.array([0.0, 0.0, 0.0, 1.0]))),
+            (MOTOR_STATES, JointStateSample(stamp, angles, still, self.torques)),
+            (CABLE_TENSIONS, JointStateSample(stamp, NONE, NONE, self.tensions + self.noise.normal(size=8))),
+        ):
+            said[topic] = self.supervision.handler(topic)(self.time, sample)
+        return said
+
+    def enabled(self):
+        for _ in range(30):
+            self.cycle()
+        decision, _ = self.supervision.services()["/supervisor/enable"](self.time)
+        assert decision.accepted, decision.message
+        self.drives = DriverState.ENABLED
+        self.cycle()
+        assert self.supervision.supervisor.state is RobotState.ENABLED
+        return self
+
+
+def test_lengths_that_no_longer_fit_stop_the_drives_within_their_own_cycle(robot):
+    home = Home(robot).enabled()
+    home.drives = DriverState.ENABLED
+    home.encoder_errors[2] = 1.5
+    quick_stop = Call("supervisor", SERVICES[Action.QUICK_STOP])
+    for _ in range(2):
+        assert quick_stop not in [each for outputs in home.cycle().values() for each in outputs]
+    assert quick_stop in home.cycle()[CABLE_TENSIONS]
+    assert "cable lengths fit no pose: misfit" in str(home.supervision.supervisor.fault)
+    assert "motor_3" in str(home.supervision.supervisor.fault)
+
+
+def test_a_misfit_at_rest_is_on_diagnostics_and_refuses_to_enable(robot):
+    home = Home(robot)
+    home.encoder_errors[2] = 1.5
+    for _ in range(30):
+        home.cycle()
+    assert 3e-4 < float(home.supervision.status(home.time).values["length_misfit"]) < 1e-3
+    decision, _ = home.supervision.services()["/supervisor/enable"](home.time)
+    assert not decision.accepted
+    assert "cable lengths fit no pose" in decision.message
+
+
+@pytest.mark.parametrize("cables", ["six_cables.yaml", "ten_cables.yaml"])
+def test_the_start_names_the_check_that_is_absent(cables, robot_file):
+    robot = Robot.from_yaml(robot_file.parents[1] / "tests" / "kinematics" / "robot" / cables)
+    remarks = [output for output in component(robot).begin() if isinstance(output, Remark)]
+    assert [remark.level for remark in remarks] == [Level.WARN] * (cables == "six_cables.yaml")
+    assert all("absent check" in remark.text for remark in remarks)
+    assert ("absent_check" in component(robot).status(0.0).values) is bool(remarks)
+
+
+def test_a_failure_is_dealt_with_at_once_whatever_else_the_same_message_says(robot):
+    home = Home(robot)
+    home.enabled()
+    failed = Status("feedforward", Level.ERROR, "failed", {HealthKey.FAILURE: "ValueError: no"})
+    sound = Status("pose_estimator", Level.OK, "ready", {})
+    outputs = home.supervision.handler(DIAGNOSTICS)(home.time, StatusArray(0, (failed, sound)))
+    assert SERVICES[Action.QUICK_STOP] in [each.service for each in outputs if isinstance(each, Call)]
