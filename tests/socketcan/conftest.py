@@ -229,6 +229,7 @@ class Probe:
         self.foreign = set()  # motors, from 1, that have a controller of their own
         self.override = None  # torque, N m, that motor 3 is commanded instead
         self.state = None
+        self.states = 0  # how many there have been
         self.tensions = None
         self.drives = {}
         self.health = {}
@@ -259,6 +260,7 @@ class Probe:
     def _answer(self, buffer):
         state = self._states.decode(buffer)
         self.state = state
+        self.states += 1
         self._alive(SignOfLife(state.stamp_ns))
         if not self.answers or self.tensions is None:
             return
@@ -455,8 +457,9 @@ class Bench:
                 for process in (self.robot, self.drivers)
                 if process is not None
             ]
+            what = problem() if callable(problem) else problem
             return "\n".join(
-                [f"{problem}; drives {self.probe.group}, brakes open {self.probe.brakes_open}", *logs]
+                [f"{what}; drives {self.probe.group}, brakes open {self.probe.brakes_open}", *logs]
             )
 
         return text

@@ -8,8 +8,10 @@ import math
 import signal
 import threading
 import time
+from pathlib import Path
 
 import pytest
+from tests.socketcan.conftest import WATCHDOGS
 
 CAN_ERR_FLAG = 0x20000000  # linux/can/error.h
 CAN_ERR_PROT, CAN_ERR_BUSOFF = 0x08, 0x40
@@ -89,6 +91,32 @@ def test_a_bus_that_is_off(bench, raw, ip):
         "the error is not counted",
     )
     bench.back_without_a_jump()
+
+
+@pytest.mark.skipif(
+    "User Mode Linux" not in Path("/proc/cpuinfo").read_text(),
+    reason="sets the clock of the machine that it runs on",
+)
+@pytest.mark.parametrize("step", [-3600.0, 0.5 * WATCHDOGS["command"], 3600.0])
+def test_a_time_of_day_that_is_set(bench, step):
+    bench.enable()
+    true_time = time.time() - time.monotonic()
+    before = bench.probe.states
+    time.clock_settime(time.CLOCK_REALTIME, time.time() + step)
+    try:
+        bench.until(
+            lambda: bench.probe.states > before + 30 or bench.probe.group[0] != "enabled",
+            "no motor states come",
+        )
+        assert bench.probe.group[0] == "enabled", bench.probe.group
+
+        def noted():
+            return float(bench.probe.health["can_drives"][2]["time_set_by_s"])
+
+        bench.until(lambda: abs(noted() - step) < 0.3, lambda: f"noted: {noted()} s")
+    finally:
+        time.clock_settime(time.CLOCK_REALTIME, true_time + time.monotonic())
+    bench.disable()
 
 
 def test_error_frames_are_counted_and_named(bench, raw):

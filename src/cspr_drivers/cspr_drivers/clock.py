@@ -26,19 +26,30 @@ class Thread(Protocol):
 
 
 class Clock:
-    """The computer's own clock; subclasses are the clocks of machines whose time passes differently."""
+    """The computer's own clock; subclasses are the clocks of machines whose time passes differently.
+
+    Its ROS time begins with the computer's time of day and goes on as monotonic time does. The time of day itself may
+    be set at any moment, by NTP or by hand, so neither age nor order of anything is taken from it.
+    """
+
+    def __init__(self) -> None:
+        self._start, self._start_ns = time.monotonic(), time.time_ns()
 
     def monotonic(self) -> float:
         """Return monotonic time, s."""
         return time.monotonic()
 
-    def system(self) -> float:
-        """Return the time of day, s since 1970; frames on a virtual bus are stamped with it."""
+    def system_ns(self) -> int:
+        """Return ROS time, ns since 1970."""
+        return self._start_ns + round(1e9 * (time.monotonic() - self._start))
+
+    def time_of_day(self) -> float:
+        """Return what the computer's calendar says, s since 1970: frames are stamped with it."""
         return time.time()
 
-    def system_ns(self) -> int:
-        """Return the time of day, ns since 1970: ROS time."""
-        return time.time_ns()
+    def time_of_day_set_by(self) -> float:
+        """Return how far the time of day has been set, s, since this clock began."""
+        return self.time_of_day() - 1e-9 * self._start_ns - (time.monotonic() - self._start)
 
     def sleep(self, duration: float) -> None:
         """Wait for a time, s."""
@@ -54,9 +65,16 @@ class Clock:
         thread.start()
         return thread
 
-    def of_computer(self, stamp: float) -> float:
-        """Return this clock's time of day, s, at a time of day of the computer, such as the kernel gives to frames."""
-        return stamp
+    def moment(self, stamp: float) -> float:
+        """Return the monotonic time, s, of a frame's stamp; wrong by a step of the time of day that lies between."""
+        since = (
+            self.time_of_day() - stamp
+        )  # before `monotonic`: a pause between the two makes the frame younger
+        return self.monotonic() - since
+
+    def stamp(self, moment: float) -> float:
+        """Return the time of day, s since 1970, at a moment of monotonic time, s."""
+        return self.time_of_day() - self.on_computer(self.monotonic() - moment)
 
     def on_computer(self, duration: float) -> float:
         """Return how long a duration, s, takes on the computer's clock, as timeouts of Python's locks want it."""
@@ -76,9 +94,8 @@ class SlowClock(Clock):
     """
 
     def __init__(self, speed: float) -> None:
+        super().__init__()
         self._speed = speed
-        self._start = time.monotonic()
-        self._day_ns = time.time_ns()
 
     def _elapsed(self) -> float:
         return (time.monotonic() - self._start) * self._speed
@@ -87,22 +104,18 @@ class SlowClock(Clock):
         """Return monotonic time, s."""
         return self._start + self._elapsed()
 
-    def system(self) -> float:
-        """Return the time of day, s since 1970."""
-        return 1e-9 * self._day_ns + self._elapsed()
-
     def system_ns(self) -> int:
-        """Return the time of day, ns since 1970."""
-        return self._day_ns + round(1e9 * self._elapsed())
+        """Return ROS time, ns since 1970."""
+        return self._start_ns + round(1e9 * self._elapsed())
 
     def sleep(self, duration: float) -> None:
         """Wait for a time, s."""
         time.sleep(duration / self._speed)
 
-    def of_computer(self, stamp: float) -> float:
-        """Return this clock's time of day, s, at a time of day of the computer."""
-        start = 1e-9 * self._day_ns
-        return start + (stamp - start) * self._speed
+    def moment(self, stamp: float) -> float:
+        """Return the monotonic time, s, of a frame's stamp."""
+        since = self.time_of_day() - stamp
+        return self.monotonic() - since * self._speed
 
     def on_computer(self, duration: float) -> float:
         """Return how long a duration, s, takes on the computer's clock."""

@@ -107,13 +107,16 @@ class StillClock(Clock):
 
     def __init__(self) -> None:
         self.time = 100.0
-        self.time_of_day = 1.7e9  # s since 1970, less the monotonic time
+        self.day = 1.7e9  # s since 1970, less the monotonic time
 
     def monotonic(self) -> float:
         return self.time
 
-    def system(self) -> float:
-        return self.time + self.time_of_day
+    def system_ns(self) -> int:
+        return round(1e9 * self.time_of_day())
+
+    def time_of_day(self) -> float:
+        return self.time + self.day
 
 
 class Wire:
@@ -143,7 +146,7 @@ class Desk:
         node.power_on()
 
     def send(self, can_id: int, data: bytes) -> None:
-        self.network.notify(can_id, bytearray(data), self.clock.system())
+        self.network.notify(can_id, bytearray(data), self.clock.time_of_day())
 
     def nmt(self, command: int, node_id: int = NODE_ID) -> None:
         self.send(0x000, bytes([command, node_id]))
@@ -189,7 +192,7 @@ class Desk:
         assert self.write(communication, 1, can_id, 4) == 0
 
     def sync(self) -> None:
-        time = self.machine.time_at(self.clock.system())
+        time = self.machine.time_at(self.clock.time_of_day())
         self.machine.advance(time)
         self.node.sync()
 

@@ -393,11 +393,16 @@ class TestWriter:
         assert not (bag.directory / ".reserve").exists()
 
     def test_a_queue_is_bounded_in_bytes_too(self, bag, recording, monkeypatch) -> None:
-        release = threading.Event()
-        monkeypatch.setattr(os, "fdatasync", lambda descriptor: release.wait(10))
+        release, waiting = threading.Event(), threading.Event()
+
+        def slow_disk(descriptor: int) -> None:
+            waiting.set()
+            release.wait(10)
+
+        monkeypatch.setattr(os, "fdatasync", slow_disk)
         writer = BagWriter(bag, queue_size=10_000_000)
         topic = writer.add_topic(TOPIC)
-        time.sleep(2 * FLUSH_PERIOD)  # by now the thread waits for the disk
+        assert waiting.wait(30)
         for index in range(20):
             writer.write(topic, index, index, bytes(1_000_000))
         assert writer.drops == {"/motor_states": 10}

@@ -159,7 +159,7 @@ class SimulatedRobot:
         self, payload: Payload, stamp_ns: int, duration: float = 0.0, sling: Sling | None = None
     ) -> None:
         """Let another payload come aboard from a moment on, ns of ROS time, within a duration, s, or on a sling."""
-        self.machine.change_payload(payload, self.machine.from_system_time(stamp_ns * 1e-9), duration, sling)
+        self.machine.change_payload(payload, self.machine.from_ros_time(stamp_ns * 1e-9), duration, sling)
 
     def close(self) -> None:
         """End the driver."""

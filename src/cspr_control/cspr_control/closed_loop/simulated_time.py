@@ -35,6 +35,7 @@ class SimulatedTime(Clock):
     """
 
     def __init__(self) -> None:
+        self.set_by = 0.0  # s, how far somebody has set the time of day
         self._now = BEGIN
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._count = 0
@@ -105,13 +106,21 @@ class SimulatedTime(Clock):
         """Return monotonic time, s."""
         return self._now
 
-    def system(self) -> float:
-        """Return the time of day, s since 1970."""
-        return self._now + 1e-9 * _SYSTEM_NS
-
     def system_ns(self) -> int:
-        """Return the time of day, ns since 1970: ROS time."""
+        """Return ROS time, ns since 1970."""
         return _SYSTEM_NS + round(self._now * 1e9)
+
+    def time_of_day(self) -> float:
+        """Return what the calendar says, s since 1970."""
+        return self._now + 1e-9 * _SYSTEM_NS + self.set_by
+
+    def time_of_day_set_by(self) -> float:
+        """Return how far somebody has set the time of day, s."""
+        return self.set_by
+
+    def stamp(self, moment: float) -> float:
+        """Return the time of day, s since 1970, at a moment of monotonic time, s."""
+        return moment + 1e-9 * _SYSTEM_NS + self.set_by
 
     def sleep(self, duration: float) -> None:
         """Let a time, s, pass for the caller; for one that is called by an event itself, it passes without others."""

@@ -98,8 +98,7 @@ class CanPort:
         self._handlers: dict[int, FrameHandler] = {}
         self._known = frozenset(known_cob_ids)
         self._closed = threading.Event()
-        # Both clocks are read together at each SYNC, see `note_sync`.
-        self._wall_to_monotonic = clock.monotonic() - clock.system()
+        self._newest = -math.inf  # when the last frame with a stamp was on the bus
         # The receiver passes on to canopen what is not for a handler here, so it is the only listener.
         self.network.listeners[:] = [Receiver(self.receive, self.receive_failed)]
         self.network.connect()
@@ -152,10 +151,6 @@ class CanPort:
                 return False
             self.failure = ""
             return True
-
-    def note_sync(self, now: float) -> None:
-        """Align wall-clock stamps of received frames with the monotonic clock at `now`."""
-        self._wall_to_monotonic = now - self.clock.system()
 
     def close(self) -> None:
         """Stop receiving and close the bus."""
@@ -219,10 +214,13 @@ class CanPort:
             self.network.notifier.exception = None
 
     def _on_bus(self, timestamp: float) -> float:
-        now = self.clock.monotonic()
-        then = timestamp + self._wall_to_monotonic
-        # Neither a device without its own stamps nor a wall clock that was set may cause a wrong age.
-        return then if now - 1.0 < then < now else now
+        then, now = self.clock.moment(timestamp), self.clock.monotonic()
+        # Neither a device without its own stamps nor a time of day that was set meanwhile may cause a wrong age: frames
+        # were on the bus in the order in which they come, and before they come.
+        if now - 1.0 < then < now:
+            now = max(then, self._newest)
+        self._newest = now
+        return now
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,6 @@ class CanPorts:
             for handler, _ in self._sync_handlers:
                 handler(now, stamp)
         for port in self._ports.values():
-            port.note_sync(now)
             port.send(self._sync)
 
     def _receive_sync(self, data: bytes | bytearray, now: float) -> None:

@@ -139,7 +139,7 @@ class QuickSocketCan(SocketcanBus):  # type: ignore[misc]  # python-can's classe
         for _level, kind, value in ancillary:
             if kind == _SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIMESTAMP.unpack_from(value)
-                timestamp = self._clock.of_computer(seconds + 1e-9 * nanoseconds)
+                timestamp = seconds + 1e-9 * nanoseconds
             elif kind == _SO_RXQ_OVFL:
                 (self.dropped_frames,) = _COUNT.unpack_from(value)
         extended = bool(identifier & _EXTENDED)

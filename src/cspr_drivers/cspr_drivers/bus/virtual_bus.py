@@ -53,7 +53,7 @@ class QuickVirtualBus(VirtualBus):  # type: ignore[misc]
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put a frame on the bus; its receivers must not write into it."""
         copy = copied_frame(msg)
-        copy.timestamp = self._clock.system()
+        copy.timestamp = self._clock.time_of_day()
         self.pass_on(copy)
 
     def pass_on(self, frame: can.Message) -> None:

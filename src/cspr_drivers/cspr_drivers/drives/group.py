@@ -267,9 +267,13 @@ class DriveGroup:
     def _silent(self, index: int, time: float) -> bool:
         return self.feedback_age(index, time) > self._timeouts.feedback
 
-    def _silent_ones(self, time: float) -> str:
-        """Return the names of the drives that have fallen silent, including those about to exceed the limit."""
-        silent = [k for k in self._everyone if time - self._heard[k] > 0.5 * self._timeouts.feedback]
+    def _silent_with(self, index: int) -> str:
+        """Return the names of the drives that were heard last when one was, as all on a broken bus were.
+
+        Not of those that nobody has heard since because this process had to wait for the CPU.
+        """
+        last = self._heard[index] + 0.25 * self._timeouts.feedback
+        silent = [k for k in self._everyone if self._heard[k] <= last]
         if len(silent) == len(self._drives):
             return "all drives"
         return ", ".join(self._drives[k].name for k in sorted(silent))
@@ -323,7 +327,7 @@ class DriveGroup:
             if drive.state in _FAULTY:
                 return drive.describe()
             if self._silent(index, time):
-                return f"{self._silent_ones(time)}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
+                return f"{self._silent_with(index)}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
         # The torque stays what it was until the brakes hold: drives that stop need no more commands.
         if stale := self._without_command(time, self._members):
             limit = 1e3 * self._timeouts.command

@@ -225,6 +225,7 @@ class DriveMaster:
                 self.cycle_clock.skipped + cycle.postponed,
                 self.cycle_clock.worst_lateness,
                 self.cycle_clock.running,
+                self._clock.time_of_day_set_by(),
             )
 
     def _at_rest(self) -> bool:

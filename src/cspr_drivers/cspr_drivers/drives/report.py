@@ -46,6 +46,8 @@ class DriveReport:
         Of the clock, since the drives were last enabled: SYNC frames left out, and the largest delay of one, s.
     clock_running
         Whether SYNC frames are being sent.
+    time_set_by
+        How far somebody has set the computer's time of day since the process began, s.
     """
 
     state: DriverState
@@ -63,3 +65,4 @@ class DriveReport:
     skipped_cycles: int
     worst_lateness: float
     clock_running: bool
+    time_set_by: float

@@ -21,6 +21,9 @@ from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.samples import Status
 from cspr_msgs_py.wire.topic_codecs import topic_codec
 
+_STEP = 0.05
+"""What the time of day moves from one report to the next, s, at most, when it is not set but slewed."""
+
 
 class CanDrives(DriverNode[DriveMaster]):
     """Driver of all drives of `can.yaml`; parameters as of `DriverNode`."""
@@ -38,6 +41,7 @@ class CanDrives(DriverNode[DriveMaster]):
         for index, name in enumerate(names):
             codec = JointStateCodec((name,), position=False, velocity=False)
             subscribe_raw(self, motor_command(index + 1), partial(self._command, index, codec))
+        self._time_set_by = 0.0
         self.deaf_to_supervisor = False  # a fault on purpose
         self._sign = topic_codec(SUPERVISOR_ALIVE, len(names)).decode
         subscribe_raw(self, SUPERVISOR_ALIVE, self._supervised)
@@ -85,8 +89,15 @@ class CanDrives(DriverNode[DriveMaster]):
         return drive_states(report)
 
     def diagnostics(self, master: DriveMaster) -> list[Status]:
-        """Return the health of the driver, and that of each drive."""
-        return drive_diagnostics(master.snapshot())
+        """Return the health of the driver, and that of each drive; a step of the time of day is logged."""
+        report = master.snapshot()
+        if abs(report.time_set_by - self._time_set_by) > _STEP:
+            self.get_logger().warning(
+                f"the computer's time of day was set by {report.time_set_by - self._time_set_by:+.3f} s: stamps go on "
+                "as they were until the drivers are started again"
+            )
+        self._time_set_by = report.time_set_by
+        return drive_diagnostics(report)
 
     def _offer(self, prefix: str, index: int | None, quick_stop: str) -> None:
         """Offer the commands to all drives, or to one."""

@@ -166,7 +166,7 @@ class RobotEmulator(EmulatedDevices):
         mass, center_of_mass
             Of the payload in place of the present one, kg, and m in the frame of the platform.
         at
-            When, s on the system clock; a time in the past, or `None`, means now.
+            When, s of ROS time; a time in the past, or `None`, means now.
 
         Raises
         ------
@@ -178,7 +178,7 @@ class RobotEmulator(EmulatedDevices):
         except KinematicsError as error:
             raise DriverError(str(error)) from None
         with self.machine.lock:
-            time = self.machine.now() if at is None else self.machine.from_system_time(at)
+            time = self.machine.now() if at is None else self.machine.from_ros_time(at)
             self.machine.change_payload(payload, time)
 
     def slack_cables(self) -> tuple[int, ...]:
@@ -212,7 +212,7 @@ class RobotEmulator(EmulatedDevices):
                 self.missed_syncs += 1
                 return
             load_cells = self.measure(network, time)
-            pose = self.true_pose(round(1e9 * machine.system_time(time)))
+            pose = self.true_pose(round(1e9 * machine.ros_time(time)))
             if self.conversion_time == 0.0:
                 for cell in load_cells:
                     cell.answer()
@@ -249,7 +249,6 @@ class RobotEmulator(EmulatedDevices):
             due += _IDLE_TICK if settled else _TICK
             if self._stopping.wait(self._clock.on_computer(max(0.0, due - machine.now()))):
                 return
-            machine.align()
             with machine.lock:
                 now = machine.now()
                 late = now - due > _LATE

@@ -31,6 +31,7 @@ from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
 from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.scheduling import set_cpu, set_realtime_priority
+from cspr_msgs_py.runtime.time_of_day import timers_reset_at_steps
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 from cspr_msgs_py.wire.samples import Status, StatusArray
 from cspr_msgs_py.wire.topic_codecs import topic_codec
@@ -110,7 +111,8 @@ def _run(
             _set_scheduling(nodes, realtime)
             declared = {node.get_name(): set(node.get_parameters_by_prefix("")) for node in nodes}
             check_arguments(arguments, {**asked_before, **declared})
-            _spin(nodes, stop.future, program)
+            with timers_reset_at_steps(nodes):
+                _spin(nodes, stop.future, program)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except Exception as error:

@@ -71,7 +71,7 @@ class SimulatedBus:
     def deal(self, now: float) -> None:
         """Give the frames that are through at a monotonic time, s, to whom they are for."""
         for _, sender, frame in self.timing.passed(now):
-            frame.timestamp = self._clock.system()
+            frame.timestamp = self._clock.time_of_day()
             if sender != DRIVER:
                 if self.driver_listens and self._port is not None:
                     self._port.receive(frame)

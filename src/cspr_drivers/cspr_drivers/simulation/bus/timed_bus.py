@@ -111,9 +111,8 @@ class TimedBus:
                 self._clock.sleep(pause)
             with self._changed:
                 through = self._timing.passed(self._clock.monotonic())
-            to_time_of_day = self._clock.system() - self._clock.monotonic()
             for time, sender, frame in through:
-                frame.timestamp = time + to_time_of_day
+                frame.timestamp = self._clock.stamp(time)
                 self._moment = time
                 if sender is DRIVER:
                     self._deliver(frame)

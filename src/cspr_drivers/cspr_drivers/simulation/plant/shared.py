@@ -18,14 +18,11 @@ if TYPE_CHECKING:  # users of another plant need no MuJoCo
     from cspr_drivers.simulation.plant.plant import Plant
 
 # s. A frame's time stamp further than this from its reception is of another clock (a CAN adapter's own, or a
-# system clock that was set meanwhile): the time of reception counts instead.
+# time of day that was set meanwhile): the time of reception counts instead.
 _LARGEST_FRAME_AGE = 1.0
 
 # s. Inputs that change within this time of each other take effect together.
 _SIMULTANEOUS_INPUTS = 0.5e-3
-
-# s. Two clocks are compared only when both were read within this time.
-_SIMULTANEOUS = 1e-5
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,7 @@ class Measurement:
 class SharedPlant:
     """A plant, its lock, and the relation of its time to the clocks of this computer.
 
-    Callers of methods other than `now`, `time_at`, `align` and `arrive` hold `lock`.
+    Callers of methods other than `now`, `time_at` and `arrive` hold `lock`.
 
     Parameters
     ----------
@@ -86,7 +83,7 @@ class SharedPlant:
         self.inputs_at_once = 1
         self._clock = clock
         self._steady_start = self._clock.monotonic()
-        self._system_start = self._clock.system()
+        self._ros_start = 1e-9 * self._clock.system_ns()
         self._arrived: deque[tuple[float, Callable[[], None]]] = deque()
         self._payload_changes = sorted(payload_changes, key=lambda change: change.time)
         self.time = plant.time
@@ -97,25 +94,17 @@ class SharedPlant:
         """Return the present plant time, s."""
         return self._clock.monotonic() - self._steady_start
 
-    def align(self) -> None:
-        """Compare the clocks again, as the system clock may be slewed or set; call it now and then."""
-        before = self._clock.monotonic()
-        system = self._clock.system()
-        after = self._clock.monotonic()
-        if after - before <= _SIMULTANEOUS:
-            self._system_start = system - (0.5 * (before + after) - self._steady_start)
+    def from_ros_time(self, stamp: float) -> float:
+        """Return the plant time, s, of a moment in ROS time, s since 1970."""
+        return stamp - self._ros_start
 
-    def from_system_time(self, stamp: float) -> float:
-        """Return the plant time, s, of a moment on the system clock, s since 1970."""
-        return stamp - self._system_start
-
-    def system_time(self, time: float) -> float:
-        """Return the moment on the system clock, s since 1970, of a plant time, s."""
-        return time + self._system_start
+    def ros_time(self, time: float) -> float:
+        """Return the moment in ROS time, s since 1970, of a plant time, s."""
+        return time + self._ros_start
 
     def time_at(self, stamp: float) -> float:
         """Return the plant time, s, at which a frame with this time stamp was on the bus."""
-        time = stamp - self._system_start
+        time = self._clock.moment(stamp) - self._steady_start
         now = self._clock.monotonic() - self._steady_start
         return time if abs(now - time) <= _LARGEST_FRAME_AGE else now
 
