@@ -728,7 +728,7 @@ def control_of_known_stability(bench, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     nodes = [bench.add(node) for node in create_control_nodes(**bench.options())]
     loop = loop_of(nodes)
-    enough = Margin(5.0, None)
+    enough = Margin(5.0, Place((0.0, 0.0, 2.0), 300.0))
 
     def keep(**margins):
         report = StabilityReport(**{item.name: enough for item in fields(StabilityReport)} | margins)
