@@ -113,7 +113,7 @@ paper: $(READY)
 	@$(VENV)/bin/python -m studies.paper $(ARGS)
 
 sensitivity: $(READY)
-	@echo "== how sensitive the closed loop is, into runs/sensitivity/: a quarter of an hour on two cores"
+	@echo "== how sensitive the closed loop is, into runs/sensitivity/: under ten minutes on two cores"
 	@OMP_NUM_THREADS=1 $(VENV)/bin/python -m studies.sensitivity $(ARGS)
 
 build: $(READY)

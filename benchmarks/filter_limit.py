@@ -11,7 +11,7 @@ from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
-from studies.experiment import BARE, WEIGHTLESS_WINCHES
+from studies.experiment import BARE, EQUATION_15
 
 from cspr_control.closed_loop.run import run
 from cspr_control.errors import ControlError
@@ -37,7 +37,7 @@ def _row(factor: float, time_constant: float) -> str:
         motor_inertia_factor=factor,
         trajectory=TrajectoryName.SMOOTH_19,
         # the controllers do not know that the winches are lighter
-        parameters={"motor_control_gains": gains, "mass_estimator": estimator, **WEIGHTLESS_WINCHES},
+        parameters={"motor_control_gains": gains, "mass_estimator": estimator, "feedforward": EQUATION_15},
     )
     row = f"{factor:>8g} {time_constant:>10g}"
     try:

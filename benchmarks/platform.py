@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.platform_cells import cell_fault
+from benchmarks.platform_live import live_against_simulated
+from benchmarks.platform_poses import exact_lengths, slack_cable
 from benchmarks.platform_rows import Row
 from benchmarks.platform_runs import (
     growing_load,
@@ -58,7 +60,13 @@ TASKS = (
     Task("swing, 5 degrees on 0.5 m, damped", swing, (0.5, 5.0)),
     Task("the same damping, smooth-19, no sling", no_swing),
     Task("stability, computed", stability),
+    Task("pose from exact lengths, frame of 1.5 m", exact_lengths),
+    Task("pose from lengths, a cable 150 mm slack", slack_cable),
 )
+
+
+LIVE = Task("smooth-19, live against simulated", live_against_simulated)
+"""Not among `TASKS`: it takes one to two minutes, and needs the CPUs to itself."""
 
 
 def rows_of(task: Task) -> list[Row]:
@@ -76,15 +84,25 @@ def table(tasks: Sequence[Task] = TASKS) -> Iterator[Row]:
             yield from rows
 
 
+def _all_rows(live: bool) -> Iterator[Row]:
+    """Yield the rows of the table, and those of the live run once nothing else runs."""
+    yield from table()
+    if live:
+        yield from rows_of(LIVE)
+
+
 def main(arguments: Sequence[str] = ()) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.platform", description=__doc__)
+    parser.add_argument(
+        "--live", action="store_true", help="then the whole graph live, against the same without ROS"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there as well")
     chosen = parser.parse_args(arguments)
     print("100 kg aboard and 100 kg added at 3 s except as stated; smooth-19 lasts 12 s")
     print(f"{'scenario':40}{'what':46}{'measured':>10}{'aim':>11} {'unit':6}")
     rows = []
-    for row in table():
+    for row in _all_rows(chosen.live):
         rows.append(row)
         print(row, flush=True)
     missed = sum(not row.reached for row in rows)

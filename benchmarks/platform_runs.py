@@ -22,7 +22,7 @@ from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.parameters.control_settings import control_settings, robot_file
 from cspr_control.stability.loop_configuration import LoopConfiguration
-from cspr_control.stability.scan import LARGEST_GAIN, MOST_LATE, REFUSED_LATE, LoopScan
+from cspr_control.stability.scan import LARGEST_GAIN, MOST_LATE, REFUSED_LATE, TIME_CONSTANTS, LoopScan
 from cspr_control.stability.verdict import WARNED_GAIN_MARGIN
 from cspr_kinematics import Pulleys, Robot
 from cspr_msgs_py.parameters.table import defaults
@@ -184,7 +184,7 @@ def stability(name: str) -> list[Row]:
         Row(name, "late cycles until unstable", late.value, REFUSED_LATE + 1, "", True,
             where(late.place) or f"stable with {MOST_LATE}"),
         Row(name, "unstable time constant of the estimate", constant.value, loop.time_constant, "s", False,
-            where(constant.place) or "stable with any"),
+            where(constant.place) or f"stable with {TIME_CONSTANTS[-1]:g} s"),
         Row(name, "gain margin through the estimate", gain.value, WARNED_GAIN_MARGIN, "", True,
             where(gain.place) or f"stable with {LARGEST_GAIN:g}"),
     ]  # fmt: skip

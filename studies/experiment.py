@@ -21,9 +21,10 @@ LOADS = (0.0, 100.0, 200.0)  # kg
 TRAJECTORIES = (TrajectoryName.PAPER_19, TrajectoryName.SMOOTH_19)
 # The plant alone; the trajectory begins in the middle of a control cycle, as it does on the average.
 BARE = Scenario(config=CONFIG, devices=False, phase=0.002)
-# (15) as printed, and motor angles that follow from the pose alone
-WEIGHTLESS_WINCHES = {"feedforward": {"winch_inertia": False, "stretch_compensation": False}}
-AS_PRINTED: dict[str, dict[str, Any]] = WEIGHTLESS_WINCHES | {
+# (15) as printed: winches and ropes weigh nothing, and motor angles follow from the pose alone
+EQUATION_15 = {"winch_inertia": False, "stretch_compensation": False, "rope_weight": False}
+AS_PRINTED: dict[str, dict[str, Any]] = {
+    "feedforward": EQUATION_15,
     "motor_control_gains": {"speed_delay": 0.0},
     "mass_estimator": {"method": "static"},  # (16) and (17)
 }
@@ -39,7 +40,7 @@ BEYOND = {  # what the paper's do not have: the inertia of the winches, then all
     "pdff-mass (winch inertia)": replace(
         BARE,
         controller=Controller.PDFF_MASS,
-        parameters=AS_PRINTED | {"feedforward": {"winch_inertia": True, "stretch_compensation": False}},
+        parameters=AS_PRINTED | {"feedforward": EQUATION_15 | {"winch_inertia": True}},
     ),
     "pdff-mass (as shipped)": replace(BARE, controller=Controller.PDFF_MASS),
 }

@@ -69,6 +69,11 @@ RINGING = 3.0  # times the median change of speed from cycle to cycle: such loop
 LARGEST = 30.0  # deg RMS; and such ones do not follow
 NEVER = 4.0  # s; stands for what does not settle before the end
 LONGEST = 7.0  # s of the trajectory that are run; the payload changes at 3 s
+QUICKLY = {
+    "speed": 0.5,
+    "acceleration": 1.0,
+    "dwell": 0.2,
+}  # m/s, m/s^2, s: nothing is measured before the start
 UNCALIBRATED = {"length_misfit": 0.01}  # m: nothing says by how much the lengths may fit badly
 WATCHED = 250  # cycles at the end
 
@@ -114,6 +119,7 @@ class Varied(Scenario):
             parameters={
                 "motor_control_gains": {"kp": value["kp"], "kd": value["kd"]},
                 "supervisor": UNCALIBRATED,
+                "trajectory_publisher": QUICKLY,
             },
             varied=tuple(value.items()),
         )
@@ -252,11 +258,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     began, count = monotonic(), int(options.loops)
+    cores = len(os.sched_getaffinity(0))
     lower, upper = (np.array([limits[end] for limits in RANGES.values()]) for end in (0, 1))
     rows = qmc.scale(qmc.LatinHypercube(len(RANGES), rng=7).random(count), lower, upper)
     scenarios = [Varied.of(seed, row.tolist()) for seed, row in enumerate(rows, start=1)]
     outcomes: list[Outcome] = []
-    with get_context("spawn").Pool(os.cpu_count(), os.nice, (5,)) as pool:
+    with get_context("spawn").Pool(cores, os.nice, (5,)) as pool:
         for each in pool.imap(outcome, scenarios):
             outcomes.append(each)
             left = (monotonic() - began) * (count / len(outcomes) - 1.0)
@@ -267,13 +274,19 @@ def _run(options: argparse.Namespace) -> None:
     table = rank_correlations(rows, outcomes)
     with house_style():
         picture, _ = save_figure(tornado(table), options.output, "sensitivity")
-    summary = "\n".join(_summary(rows, outcomes, table))
+    took = f"{count} loops in {_duration(monotonic() - began)} on {cores} core{'s' * (cores > 1)}"
+    summary = "\n".join((*_summary(rows, outcomes, table), took))
     if options.update:
         FIGURE.write_bytes(picture.read_bytes())
         shown = f"![Rank correlations of {count} loops](sensitivity.png)\n\n```\n{summary}\n```"
         DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), {"sensitivity": shown}), encoding="utf-8")
     print(summary)
-    print(f"{count} loops in {monotonic() - began:.0f} s; written to {options.output}")
+    print(f"written to {options.output}")
+
+
+def _duration(seconds: float) -> str:
+    minutes, left = divmod(round(seconds), 60)
+    return f"{minutes} min {left} s" if minutes else f"{left} s"
 
 
 def _summary(rows: FloatArray, outcomes: Sequence[Outcome], table: FloatArray) -> list[str]:

@@ -64,7 +64,10 @@ def along(
     for model in (FeedforwardModel.DYNAMIC, FeedforwardModel.STATIC):
         settings = {
             mass: FeedforwardSettings(
-                model, payload_source=PayloadSource.NOMINAL, nominal_payload=Payload(mass, np.zeros(3))
+                model,
+                rope_weight=False,  # as in the paper
+                payload_source=PayloadSource.NOMINAL,
+                nominal_payload=Payload(mass, np.zeros(3)),
             )
             for mass in set(payload.tolist())
         }

@@ -64,6 +64,7 @@ def test_the_paper_s_controllers_have_no_more_than_the_paper():
         assert parameters.values("mass_estimator")["method"] == "static", name
         assert parameters.values("feedforward")["winch_inertia"] is False, name
         assert parameters.values("feedforward")["stretch_compensation"] is False, name
+        assert parameters.values("feedforward")["rope_weight"] is False, name
         assert parameters.values("motor_control_gains")["speed_delay"] == 0.0, name
     winches, shipped = BEYOND.values()
     differing = {"winch_inertia": (False, True)}

@@ -1,9 +1,13 @@
 """The sensitivity study: what is varied, what counts as unstable, and what the correlations say."""
 
+import os
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from studies import sensitivity
 from studies.experiment import BARE
 from studies.sensitivity import OUTCOMES, RANGES, Outcome, Varied, outcome, rank_correlations, rings, tornado
 
@@ -72,6 +76,33 @@ def test_correlations_and_figure():
         OUTCOMES.values()
     )
     assert panels[0].get_yticklabels()[-1].get_text() == RANGES["kp"][2]
+
+
+def test_the_document_tells_how_long_it_took_and_on_how_many_cores(monkeypatch, tmp_path, capsys):
+    document = tmp_path / "stability.md"
+    document.write_text(
+        "before\n<!-- begin sensitivity -->\nold\n<!-- end sensitivity -->\nafter\n", encoding="utf-8"
+    )
+    clock = iter([0.0, 40.0, 80.0, 120.0, 160.0, 200.0])  # s: begin, each of four loops, end
+    for name, value in (
+        ("DOCUMENT", document),
+        ("FIGURE", tmp_path / "sensitivity.png"),
+        ("monotonic", lambda: next(clock)),
+        (
+            "get_context",
+            lambda kind: SimpleNamespace(Pool=lambda *arguments: nullcontext(SimpleNamespace(imap=map))),
+        ),
+        ("outcome", lambda scenario: replace(QUIET, motors=dict(scenario.varied)["kp"])),
+    ):
+        monkeypatch.setattr(sensitivity, name, value)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1})
+    assert sensitivity.main(["--loops", "4", "--output", str(tmp_path / "out"), "--update"]) == 0
+    took = "4 loops in 3 min 20 s on 2 cores\n"
+    assert took in capsys.readouterr().out
+    text = document.read_text(encoding="utf-8")
+    assert took in text
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
 
 
 def test_a_loop_is_run_and_foretold():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sized
 from typing import Any
 
 import numpy as np
@@ -87,9 +88,25 @@ def for_each_cable(name: str, value: ArrayLike, m: int) -> FloatArray:
         If the value is not numeric, not finite, or has another shape.
     """
     array = checked(name, value)
-    if array.shape not in ((), (m,)):
+    if array.ndim > 1:
         raise InvalidInputError(name, value, f"shape {array.shape} where () or ({m},) is needed")
+    if array.ndim == 1:
+        require_one_for_each_cable(name, array, m)
     return frozen(np.broadcast_to(array, (m,)))
+
+
+def require_one_for_each_cable(name: str, values: Sized, m: int) -> None:
+    """Refuse a list that does not have one entry for each of m cables.
+
+    Raises
+    ------
+    InvalidInputError
+        Saying how many there are, and how many are needed.
+    """
+    if len(values) != m:
+        raise InvalidInputError(
+            name, values, f"has {len(values)} elements where {m} are needed, one for each cable"
+        )
 
 
 def as_floats(name: str, value: ArrayLike, *last_axes: int) -> FloatArray:

@@ -24,6 +24,7 @@ from cspr_kinematics import (
     distribute_tensions,
     inverse_kinematics,
     required_wrench,
+    rope_wrench,
 )
 from cspr_msgs_py import topics
 from cspr_msgs_py.bag.bag_file import Attachment, BagFile
@@ -151,7 +152,7 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
     rates = (cables.jacobian @ twist.vector[..., None])[..., 0]
     speeds = robot.winch.motor_speed(rates)
     masses = np.array([scenario.mass(t) for t in seconds])
-    tensions = np.empty_like(angles)
+    tensions, ropes = np.empty_like(angles), rope_wrench(robot, cables)
     for mass in np.unique(masses):  # the slow way, not the one that the analysis goes
         part = masses == mass
         wrench = required_wrench(
@@ -162,7 +163,7 @@ def write_bag(directory: Path, scenario: Scenario) -> Path:
             Payload(mass, [0.0, 0.0, 0.0]),
         )
         tensions[part] = distribute_tensions(
-            cables.wrench_matrix[part], wrench, robot.tension_min, robot.tension_max
+            cables.wrench_matrix[part], wrench + ropes[part], robot.tension_min, robot.tension_max
         ).tensions
     torques = robot.winch.motor_torque(tensions)
 

@@ -45,11 +45,29 @@ def test_a_plane_path_is_not_mirrored() -> None:
     np.testing.assert_allclose(found.rotation.as_matrix(), TURN.as_matrix(), atol=1e-9)
 
 
+def test_points_in_a_plane_determine_the_rotation_although_errors_leave_it() -> None:
+    rng = np.random.default_rng(6)
+    angle = np.linspace(0.0, 2.0 * np.pi, 300)
+    wanted = np.stack([0.6 * np.cos(angle), 0.1 * np.sin(angle), np.full(300, 1.0)], axis=-1)
+    true = wanted + rng.normal(0.0, 0.005, wanted.shape) + [0.0, 0.0, -0.02]
+    found = align(TURN.inv().apply(true), wanted)
+    assert np.degrees((found.rotation * TURN.inv()).magnitude()) < 1.0
+    assert found.residual_rms_mm < 10.0
+
+
+def test_a_platform_that_sags_along_a_line_is_not_turned_over() -> None:
+    """Down where it should be up: a turn by 180 degrees about the line would explain all of it."""
+    t = np.linspace(-1.0, 1.0, 101)
+    wanted = np.stack([t, np.zeros(101), 0.045 * t**2], axis=-1)
+    with pytest.raises(ControlError, match="cannot be told from an error of the platform"):
+        align(wanted * [1.0, 1.0, -1.0], wanted)
+
+
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        (np.linspace(0.0, 1.0, 50)[:, None] * [1.0, 2.0, 3.0], "lie on one line"),
-        (np.ones((50, 3)), "lie on one line"),
+        (np.linspace(0.0, 1.0, 50)[:, None] * [1.0, 2.0, 3.0], "lies on one line to within 0 mm"),
+        (np.ones((50, 3)), "lies on one line to within 0 mm"),
         (curve(2), "there are 2 positions"),
     ],
 )

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from cspr_control.analysis.report import write_report
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_bags, analyse_recording
 from cspr_control.programs.analyze import main
 
-from .conftest import CONFIG, ROOT
+from .conftest import CONFIG, ROOT, START
 
 QUIET = ("--no-figures", "--config", str(CONFIG))
 
@@ -35,6 +36,10 @@ def test_results_lie_beside_the_bag(record: Callable[..., Path], capsys: pytest.
     (stored,) = json.loads((directory / "metrics.json").read_text(encoding="utf-8"))["runs"]
     assert stored["name"] == "pdff-mass"
     assert stored["position_error_deg"]["rms"] == pytest.approx([1, 2, 3, 4, 5, 6, 7, 8])
+    assert stored["time_zero"] == pytest.approx(START * 1e-9, abs=1e-6)
+    began = datetime.fromtimestamp(START * 1e-9, UTC)
+    assert f"{began:%Y-%m-%d %H:%M:%S}.000\n" in shown.out
+    assert f"{START * 1e-9:.3f}\n" in shown.out
     assert sorted(path.name for path in directory.iterdir()) == ["metrics.json", "report.html"]
 
 

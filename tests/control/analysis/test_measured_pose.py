@@ -98,7 +98,9 @@ def test_with_the_orientation_the_prism_tells_where_the_origin_is(
 
 def test_times_of_its_own_need_to_be_placed(recorded_bag: Path, station: TotalStation) -> None:
     path = station(late=7.25)
-    with pytest.raises(ControlError, match=r"prism\.csv: time = 6\.35 is no ROS time .* --measured-offset"):
+    with pytest.raises(
+        ControlError, match=r"prism\.csv: time = 6\.35 is no ROS time .* --measured-offset .* UTC"
+    ):
         judged(recorded_bag, path, None, PRISM)
     platform, _ = judged(recorded_bag, path, -7.25, PRISM)
     assert platform.error is not None

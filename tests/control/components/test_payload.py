@@ -14,7 +14,17 @@ from cspr_control.graph import Route
 from cspr_control.motors.feedforward import FeedforwardSettings
 from cspr_control.parameters.settings import estimator_settings
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
-from cspr_kinematics import Payload, Pose, distribute_tensions, inverse_kinematics, rope_wrench, static_wrench
+from cspr_kinematics import (
+    Payload,
+    Pose,
+    Pulleys,
+    Robot,
+    distribute_tensions,
+    holding_tensions,
+    inverse_kinematics,
+    rope_wrench,
+    static_wrench,
+)
 from cspr_msgs_py import topics
 from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import CellCheck, Level, RobotState
@@ -103,6 +113,35 @@ def test_what_cannot_be_used_is_counted(component, taut):
     component.on_payload_in_use(0.0, InertiaSample(0, -5.0, np.zeros(3)))
     assert component.unusable == 2
     assert "payload mass" in component.problem
+
+
+def status_after_a_run(believed: Robot, truth: Robot) -> Status:
+    """Show what is told of 100 kg at rest 0.6 m up, after places of a true robot, each at rest too."""
+    component, load = PayloadComponent(believed, SETTINGS), Payload(100.0, np.zeros(3))
+    around = [np.array([np.sin(s), np.sin(2.0 * s), np.sin(s)]) for s in np.linspace(0.0, 6.0, 60)]
+    places = [*(0.5 * each for each in around), *60 * [np.array([0.0, 0.0, 0.6])]]
+    for k, away in enumerate(places):
+        pose = Pose(truth.home.position + away, truth.home.rotation)
+        pulls = holding_tensions(truth, pose, load).tensions
+        angles = truth.motor_angles(inverse_kinematics(truth, pose).lengths, pulls)
+        stamp = 10**9 * k if k < 60 else 60 * 10**9 + 4_000_000 * k
+        component.on_motor_states(
+            0.0, JointStateSample(stamp, angles, AT_REST, truth.winch.motor_torque(pulls))
+        )
+        component.on_cable_tensions(0.0, JointStateSample(stamp, NONE, NONE, pulls))
+    return component.status(0.0)
+
+
+def test_pulleys_that_nobody_configured_are_a_warning(robot):
+    truth = robot.with_geometry(pulleys=Pulleys(0.05))
+    known, unknown = status_after_a_run(truth, truth), status_after_a_run(robot, truth)
+    assert float(known.values["estimated_mass"]) == pytest.approx(100.0, abs=0.1)
+    assert abs(float(unknown.values["estimated_mass"]) - 100.0) > 3.0
+    assert (known.level, known.message) == (Level.OK, "estimating")
+    assert (unknown.level, unknown.values["valid"]) == (Level.WARN, "true")
+    assert "the mass may be wrong: cable lengths misfit by" in unknown.message
+    assert "cspr identify" in unknown.message
+    assert float(known.values["length_misfit_rms"]) < 1e-6 < 4e-4 < float(unknown.values["length_misfit_rms"])
 
 
 def test_no_cell_is_judged_by_its_motor_before_the_motors_carry_the_cables(component, robot, taut):

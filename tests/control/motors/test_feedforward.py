@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import PayloadError
 from cspr_control.motors.feedforward import Feedforward, FeedforwardSettings, Margins, checked_payload
@@ -29,10 +30,27 @@ from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadSource, PayloadStat
 PERIOD = 0.004
 NOMINAL = {"payload_source": PayloadSource.NOMINAL}
 WEIGHTLESS = {"winch_inertia": False, **NOMINAL}  # winches, as in the paper
+GRAVITY = 9.81
 
 
 def setpoint_of(robot, reference, time=0.0, **settings):
     return Feedforward(robot, FeedforwardSettings(**settings)).compute(time, reference)
+
+
+def ropes(robot, pose):
+    """Wrench (6,) that the winches exert to move the ropes, by virtual work.
+
+    A straight rope of length l whose lower end is h below its upper one has its weight h / 2 below that, where it came
+    out or goes in: the winches' work is what -mu g l h / 2 gains.
+    """
+
+    def energy(displacement):
+        turn = Rotation.from_rotvec(displacement[3:]).as_matrix() @ pose.rotation
+        spans = robot.exit_points - pose.position - displacement[:3] - robot.anchor_points @ turn.T
+        masses = robot.cables.mass_per_metre * np.linalg.norm(spans, axis=1)
+        return -0.5 * GRAVITY * masses @ spans[:, 2]
+
+    return np.array([(energy(step) - energy(-step)) / 2e-4 for step in 1e-4 * np.eye(6)])
 
 
 @pytest.fixture
@@ -60,11 +78,38 @@ def test_torque_gives_the_wrench_of_the_model(robot, moving, model):
         wrench = required_wrench(robot, moving.pose, moving.twist, moving.acceleration, payload)
     tensions = robot.winch.tension(setpoint.torque)
     np.testing.assert_allclose(tensions, setpoint.tensions)
-    np.testing.assert_allclose(
-        inverse_kinematics(robot, moving.pose).wrench_matrix @ tensions, wrench, atol=1e-6
-    )
+    carried = ropes(robot, moving.pose)
+    assert carried[2] > 20.0
+    A = inverse_kinematics(robot, moving.pose).wrench_matrix
+    np.testing.assert_allclose(A @ tensions, wrench + carried, atol=1e-6)
     assert setpoint.feasible
     assert setpoint.wrench_residual < 1e-6
+    as_printed = setpoint_of(
+        robot, moving, model=model, rope_weight=False, nominal_payload=payload, **WEIGHTLESS
+    )
+    np.testing.assert_allclose(A @ as_printed.tensions, wrench, atol=1e-6)
+
+
+@pytest.mark.parametrize("place", [[0.0, 0.0, 1.0], [1.2, -0.6, 1.8], [-1.2, 0.6, 0.4]])
+def test_it_asks_for_the_wrench_under_which_the_simulated_machine_hangs_still(robot_file, place):
+    """Where MuJoCo finds platform and payload in balance under ropes that are elastic catenaries."""
+    pytest.importorskip("mujoco")
+    from tests.platforms import platform_pose
+
+    from cspr_drivers.simulation.plant.plant import Plant
+    from cspr_drivers.simulation.simulation_config import SimulationConfig
+
+    config, load = (
+        SimulationConfig.from_yaml(robot_file.with_name("simulation.yaml")),
+        Payload(100.0, np.zeros(3)),
+    )
+    true = config.robot.with_geometry(home=Pose.from_euler(place, 0.1, -0.05, 0.08))
+    plant = Plant(dataclasses.replace(config, robot=true).with_payload(load))
+    hanging = Motion.at_rest(platform_pose(plant))
+    asked = setpoint_of(true, hanging, nominal_payload=load, **NOMINAL)
+    np.testing.assert_allclose(asked.wrench_matrix @ plant.tensions(), asked.wrench, atol=0.1)
+    as_printed = setpoint_of(true, hanging, rope_weight=False, nominal_payload=load, **NOMINAL)
+    assert 20.0 < asked.wrench[2] - as_printed.wrench[2] < 40.0
 
 
 @pytest.mark.parametrize("file", ["robot.yaml", "robot_pulleys.yaml"])
@@ -125,6 +170,7 @@ def run(feedforward, robot, begin, count):
         {"model": FeedforwardModel.NONE},
         {"model": FeedforwardModel.STATIC},
         {"winch_inertia": False},
+        {"rope_weight": False},
         {"nominal_payload": Payload(200.0, np.zeros(3))},
         {"payload_source": PayloadSource.ESTIMATED},
     ],
@@ -151,6 +197,7 @@ def test_a_switch_is_bridged_at_the_stated_slew(robot, change):
 def test_every_tension_method_gives_the_wrench(robot, moving, method):
     setpoint = setpoint_of(robot, moving, tension_method=method, **WEIGHTLESS)
     wrench = required_wrench(robot, moving.pose, moving.twist, moving.acceleration)
+    wrench = wrench + ropes(robot, moving.pose)
     A = inverse_kinematics(robot, moving.pose).wrench_matrix
     np.testing.assert_allclose(A @ setpoint.tensions, wrench, atol=1e-6)
     expected = distribute_tensions(A, wrench, robot.tension_min, robot.tension_max, method).tensions
@@ -249,8 +296,8 @@ def test_a_payload_that_cannot_be_is_refused(robot, mass, center, complaint):
     assert feedforward.payload_in_use(0.1)[0].mass == 40.0
 
 
-def test_pose_that_is_not_level_keeps_the_weight(robot):
+def test_pose_that_is_not_level_keeps_the_weight_and_half_of_each_rope(robot):
     pose = Pose.from_euler(robot.home.position, 0.1, 0.05, -0.05)
     setpoint = setpoint_of(robot, Motion.at_rest(pose), **NOMINAL)
     force = inverse_kinematics(robot, pose).wrench_matrix @ setpoint.tensions
-    assert force[2] == pytest.approx(153.0 * 9.81)
+    assert force[2] == pytest.approx(153.0 * GRAVITY + ropes(robot, pose)[2])

@@ -340,7 +340,10 @@ def test_feedforward_refuses_a_reference_that_is_not_finite(bench, robot):
 
 
 def test_feedforward_uses_the_estimate_and_says_when_it_is_stale(bench, robot):
-    bench.add(FeedforwardNode(**bench.options(payload_timeout=0.3, switch_slew=1000.0)))
+    options = bench.options(
+        payload_timeout=0.3, switch_slew=1000.0, rope_weight=False
+    )  # all torque by the mass
+    bench.add(FeedforwardNode(**options))
     setpoints = bench.listen(topics.SETPOINT, raw=True)
     diagnostics = bench.listen(topics.DIAGNOSTICS)
     at_rest = reference_message(paper_19(robot.trajectory_center).sample(2.5))
@@ -728,7 +731,7 @@ def control_of_known_stability(bench, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     nodes = [bench.add(node) for node in create_control_nodes(**bench.options())]
     loop = loop_of(nodes)
-    enough = Margin(5.0, None)
+    enough = Margin(5.0, Place((0.0, 0.0, 2.0), 300.0))
 
     def keep(**margins):
         report = StabilityReport(**{item.name: enough for item in fields(StabilityReport)} | margins)

@@ -123,6 +123,7 @@ def test_a_summary_is_what_the_analysis_of_the_bag_says(options, tmp_path, capsy
         "controller": found["controller"].removesuffix(" (exact mass)"),
         "exact_mass": found["controller"].endswith(" (exact mass)"),
         "trajectory": found["trajectory"],
+        "time_zero": found["time_zero"],
         "window": found["window"],
         "platform_judged_by": "true pose",
         "rms_platform_error_mm": error["rms_mm"],

@@ -27,7 +27,9 @@ def test_table_map_and_json(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "prototype: kp 2 N m/rad, kd 0.1 N m s/rad, 250 Hz, torques 1.5 ms after SYNC" in printed
     assert "late cycles until unstable                       3   at (" in printed
-    assert "OK: stable until torques come 3 cycles late" in printed
+    assert "gain margin through the estimate             > 100\n" in printed
+    assert "unstable below a time constant of        < 0.002 s\n" in printed
+    assert "OK: stable until torques come 3 cycles late; gain margin > 100\n" in printed
     content = json.loads(file.read_text(encoding="utf-8"))
     assert content["verdict"]["level"] == "OK"
     assert content["margins"]["late_cycles"]["value"] == 3

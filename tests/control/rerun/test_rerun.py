@@ -280,6 +280,7 @@ def test_another_model_gives_its_torques(bag, robot, tmp_path):
     output, comparison = run(
         bag, "--output", tmp_path / "rerun", "--nodes", "feedforward", "--set", "feedforward.model=static",
         "--set", "feedforward.payload_source=nominal", "--set", "feedforward.nominal_payload_mass=20",
+        "--set", "feedforward.rope_weight=false",
     )  # fmt: skip
     assert comparison["setpoint"]["effort"]["maximum"] > 0.01
     assert 0.1 < comparison["setpoint"]["position"]["maximum"] < 2.0  # of the stretch under a smaller load

@@ -34,12 +34,11 @@ class Machine:
 
 @pytest.fixture(scope="session")
 def machine():
-    """Return what makes a `Machine` with a home pose and a mass, kg, that is part of its platform."""
-    config = SimulationConfig.from_yaml(CONFIG / "simulation.yaml")
-    # the linear plant knows no weight of ropes, which changes tensions by a hundredth
-    config = replace(config, cables=replace(config.cables, mass_per_metre=0.0))
+    """Return what makes a `Machine` with a home pose, a mass, kg, that is part of its platform, and ropes, kg/m."""
+    shipped = SimulationConfig.from_yaml(CONFIG / "simulation.yaml")
 
-    def make(home: Pose, mass: float) -> Machine:
+    def make(home: Pose, mass: float, ropes: float = 0.0) -> Machine:
+        config = replace(shipped, cables=replace(shipped.cables, mass_per_metre=ropes))
         true = config.robot
         motor = replace(true.motor, coulomb_friction=0.0)
         body = true.platform.inertial_parameters + Payload(mass, np.zeros(3)).inertial_parameters
@@ -54,7 +53,9 @@ def machine():
 def robot_with_cables(robot, config):
     """Return a robot whose cables are those of the simulated machine."""
     cables = config.cables
-    known = CableProperties(cables.axial_stiffness, cables.damping_time, cables.dead_length)
+    known = CableProperties(
+        cables.axial_stiffness, cables.damping_time, cables.dead_length, cables.mass_per_metre
+    )
     return replace(robot, cables=known.for_each(robot.number_of_cables))
 
 

@@ -70,6 +70,15 @@ def test_derivatives_are_those_of_the_simulated_machine(machine, robot, rng):
             np.testing.assert_allclose((plus[0] - minus[0]) / 2e-3, linear.B[:, motor], atol=1e-3)
 
 
+def test_tensions_carry_heavy_ropes(machine, robot, rng):
+    for mass in (0.0, 300.0):
+        made = machine(drawn_pose(robot, rng), mass, ropes=0.16)
+        linear = linear_plant(made.robot, made.robot.home, Payload.none())
+        held = made.plant().tensions()
+        np.testing.assert_allclose(linear.tensions, held, atol=0.5)
+        np.testing.assert_allclose(linear.wrench_matrix @ (linear.tensions - held), 0.0, atol=0.1)
+
+
 def test_a_payload_is_part_of_the_platform(machine, robot, rng):
     home = drawn_pose(robot, rng)
     heavy, light = machine(home, 100.0), machine(home, 0.0)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cspr_control.stability import scan as scan_module
-from cspr_control.stability.scan import LoopScan, growth_at
+from cspr_control.stability.scan import LoopScan, Place, growth_at
 from cspr_control.stability.verdict import verdict
-from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.vocabulary import Level, PayloadMethod
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -46,6 +46,27 @@ def test_light_motors_are_refused(reports):
     judged = verdict(reports[light], light)
     assert judged.refused
     assert "unstable when torques come 1 cycle late" in judged.text
+
+
+@pytest.mark.parametrize(
+    ("place", "limit"),
+    [
+        (Place((0.0, 0.0, 1.0), 200.0), 0.032),
+        (Place((1.4, 0.7, 2.0), 300.0), 0.091),
+        (Place((0.0, 0.7, 2.0), 300.0), 0.144),
+    ],
+)
+def test_the_limits_of_the_static_estimate_with_light_motors(loop, place, limit):
+    """Those that docs/tuning.md names."""
+
+    def growth(time_constant):
+        motor = replace(loop.robot.motor, inertia=1.5e-4)
+        static = replace(loop.payload.static, time_constant=time_constant)
+        payload = replace(loop.payload, method=PayloadMethod.STATIC, static=static)
+        robot, gains = replace(loop.robot, motor=motor), replace(loop.gains, kd=0.03)
+        return growth_at(place, replace(loop, robot=robot, gains=gains, payload=payload))
+
+    assert growth(1.05 * limit) < 0.0 < growth(0.95 * limit)
 
 
 def test_margins_are_limits(reports):

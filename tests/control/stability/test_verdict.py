@@ -15,7 +15,8 @@ PLACE = Place((0.0, 0.7, 2.0), 300.0)
     ("margins", "level", "said"),
     [
         ({}, Level.OK, ["stable until torques come 3 cycles late", "gain margin 17"]),
-        ({"late_cycles": Margin(11, None)}, Level.OK, ["more than 10 cycles late"]),
+        ({"late_cycles": Margin(11, None)}, Level.OK, ["torques come > 10 cycles late"]),
+        ({"gain_margin": Margin(100.0, None)}, Level.OK, ["gain margin > 100"]),
         ({"late_cycles": Margin(2, PLACE)}, Level.WARN, ["2 cycles late", "lower kd"]),
         (
             {"late_cycles": Margin(1, PLACE)},
@@ -31,7 +32,7 @@ PLACE = Place((0.0, 0.7, 2.0), 300.0)
         (
             {"decay": Margin(-0.5, PLACE)},
             Level.ERROR,
-            ["loop through the estimate is unstable", "raise time_constant"],
+            ["loop through the estimate is unstable", "stable above 0.002 s", "raise time_constant"],
         ),
         (
             {"mechanical_decay": Margin(-2.0, PLACE)},

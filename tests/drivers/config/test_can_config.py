@@ -114,6 +114,19 @@ def change(mapping, path, value):
         (["timeouts", "heartbeat_consumer"], 60.0, "heartbeat_consumer = 60.0: must be at most 0.632 s"),
         (["timeouts", "stop"], 1e9, "can.yaml: timeouts.stop = 1e+09: must lie in [0.001, 60]"),
         (
+            ["load_cell_checks", "stuck_time"],
+            1.1,
+            "can.yaml: load_cell_checks.stuck_time = 1.1: must be at most 1, or a load cell that is stuck is not found "
+            "within a second",
+        ),
+        (
+            ["load_cell_checks", "stuck_span"],
+            1e9,
+            "can.yaml: load_cell_checks.stuck_span = 1e+09: must be at most 60, or a load cell that is stuck may be "
+            "wrong by more than 60 N unnoticed",
+        ),
+        (["load_cell_checks", "stuck_span"], 0.0, "load_cell_checks.stuck_span = 0.0: must be positive"),
+        (
             ["torque_check", "time"],
             0.065,
             "can.yaml: torque_check.time = 0.065: must be at most 0.0639 s: a drive may have let go for so long, and a "

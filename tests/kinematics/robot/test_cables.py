@@ -21,6 +21,8 @@ from cspr_kinematics import (
     holding_tensions,
 )
 
+WRONG_COUNT = "has 7 elements where 8 are needed, one for each cable"
+
 
 @pytest.fixture
 def mapping(robot_file: Path) -> dict[str, Any]:
@@ -63,7 +65,7 @@ def test_an_old_file_has_cables_that_neither_stretch_nor_weigh(mapping: dict[str
     ("cables", "key", "reason"),
     [
         ({"axial_stiffness": 0.0}, "cables.axial_stiffness", r"must lie in \[1, 1e\+12\]"),
-        ({"axial_stiffness": [1e6] * 7}, "cables.axial_stiffness", "7 of them for 8 cables"),
+        ({"axial_stiffness": [1e6] * 7}, "cables.axial_stiffness", WRONG_COUNT),
         ({"axial_stiffness": float("inf")}, "cables.axial_stiffness", "finite"),
         ({"axial_stiffness": 1e6, "mass_per_metre": -0.1}, "cables.mass_per_metre", "must lie in"),
         ({"axial_stiffness": 1e6, "youngs_modulus": 1.0}, "cables.youngs_modulus", "unknown key"),
@@ -96,18 +98,31 @@ def test_what_is_no_cable_is_refused(arguments: tuple[Any, ...], name: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("limits", "key"),
+    ("limits", "key", "reason"),
     [
-        ({"tension_min": [50.0] * 7}, "tension_min"),
-        ({"tension_min": [50.0] * 7 + [3000.0]}, "tension_min"),
-        ({"home_tensions": [300.0] * 7}, "home_tensions"),
-        ({"home_tensions": 300.0}, "home_tensions"),
-        ({"home_tensions": {"cable_1": 300.0}}, "home_tensions"),
-        ({"home_tensions": [300.0] * 7 + [-1.0]}, "home_tensions[7]"),
+        ({"tension_min": [50.0] * 7}, "tension_min", WRONG_COUNT),
+        ({"tension_max": [3000.0] * 7}, "tension_max", WRONG_COUNT),
+        ({"tension_min": [50.0] * 7 + [3000.0]}, "tension_min", "must be below tension_max"),
+        ({"home_tensions": [300.0] * 7}, "home_tensions", WRONG_COUNT),
+        ({"home_tensions": 300.0}, "home_tensions", "must be a list"),
+        ({"home_tensions": {"cable_1": 300.0}}, "home_tensions", "must be a list"),
+        ({"home_tensions": [300.0] * 7 + [-1.0]}, "home_tensions[7]", "must lie in"),
+        (
+            {"home_tensions": [300.0] * 7 + [0.0]},
+            "home_tensions[7]",
+            "must be positive: .*; set the home pose again",
+        ),
+        (
+            {"tension_max": [3000.0] * 7 + [250.0], "home_tensions": [300.0] * 8},
+            "home_tensions[7]",
+            "is above tension_max = 250 of this cable; set the home pose again",
+        ),
     ],
 )
-def test_wrong_tensions_in_the_file(mapping: dict[str, Any], limits: dict[str, Any], key: str) -> None:
-    with pytest.raises(ConfigurationFileError) as caught:
+def test_wrong_tensions_in_the_file(
+    mapping: dict[str, Any], limits: dict[str, Any], key: str, reason: str
+) -> None:
+    with pytest.raises(ConfigurationFileError, match=reason) as caught:
         Robot.from_mapping(mapping | limits)
     assert caught.value.key == key
 

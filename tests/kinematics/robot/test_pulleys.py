@@ -38,7 +38,7 @@ def test_the_two_shipped_files_differ_by_their_pulleys(robot_file: Path, robot_w
     ("pulleys", "key", "reason"),
     [
         ({"radius": -0.05}, "pulleys.radius", r"must lie in \[0, 10\]"),
-        ({"radius": [0.05] * 7}, "pulleys.radius", "7 of them for 8 cables"),
+        ({"radius": [0.05] * 7}, "pulleys.radius", "has 7 elements where 8 are needed, one for each cable"),
         ({"radius": float("nan")}, "pulleys.radius", "finite"),
         ({"radius": "big"}, "pulleys.radius", "must be a finite number"),
         ({"radius": 0.05, "swivel_axis": [0.0, 0.0, 0.0]}, "pulleys.swivel_axis", "no direction"),
@@ -50,7 +50,7 @@ def test_the_two_shipped_files_differ_by_their_pulleys(robot_file: Path, robot_w
         (
             {"radius": 0.05, "swivel_axis": [[0.0, 0.0, 1.0]] * 6},
             "pulleys.swivel_axis",
-            "6 of them for 8 cables",
+            "has 6 elements where 8 are needed, one for each cable",
         ),
         ({"radius": 0.05, "axis": UP}, "pulleys.axis", "unknown key"),
         ({}, "pulleys.radius", "is missing"),
@@ -77,7 +77,7 @@ def test_each_cable_may_have_its_own(robot: Robot) -> None:
     mixed = robot.with_geometry(pulleys=Pulleys(radii, axes))
     np.testing.assert_array_equal(mixed.path_geometry[:, 6], radii)
     np.testing.assert_array_equal(mixed.path_geometry[:, 9], 1.0)
-    with pytest.raises(InvalidInputError, match="7 of them for 8 cables"):
+    with pytest.raises(InvalidInputError, match="has 7 elements where 8 are needed, one for each cable"):
         robot.with_geometry(pulleys=Pulleys(radii[1:]))
     six = list(range(6))
     winch = Winch(0.05, 30.0, robot.winch.home_lengths[six])

@@ -90,7 +90,7 @@ def test_unknown_key(write: Callable[[str, Any], Path], key: str) -> None:
         ("exit_points", POINTS[:5], "at least 6"),
         ("exit_points", [], "at least one"),
         ("exit_points", 3.0, "must be a list"),
-        ("anchor_points", POINTS[:7], "7 anchor points for 8"),
+        ("anchor_points", POINTS[:7], "has 7 elements where 8 are needed, one for each cable"),
         ("frame_size", [5.0, 3.0], "2 elements where 3"),
         ("frame_size", [5.0, 0.0, 3.0], "must be positive"),
         ("platform_size", [0.2, -0.2, 0.2], "must be positive"),

@@ -22,6 +22,7 @@ from cspr_kinematics import (
     available_wrenches,
     inverse_kinematics,
     required_wrench,
+    rope_wrench,
     static_wrench,
 )
 
@@ -56,9 +57,10 @@ def test_payload_limits_at_rest(machine: Robot) -> None:
     result = assess_task(machine, pose, Task(center_of_mass=CENTER))
     for k in range(20):
         one = Pose(pose.position[k], pose.rotation[k])
-        A = inverse_kinematics(machine, one).wrench_matrix
-        w = static_wrench(machine, one)
+        cables = inverse_kinematics(machine, one)
+        A, w = cables.wrench_matrix, static_wrench(machine, one)
         per_kg = static_wrench(machine, one, Payload(1.0, CENTER)) - w
+        w = w + rope_wrench(machine, cables)
         largest, smallest = (extreme(machine, A, w, per_kg, sign) for sign in (1.0, -1.0))
         if math.isnan(largest) or largest < 0.0:
             assert np.isnan(result.payload_max[k])
@@ -86,13 +88,15 @@ def test_margin_is_the_worst_of_all_corners_of_the_task(machine: Robot) -> None:
     lowest, metric = np.full(4, np.inf), np.repeat([1.0, 0.5], 3)
     for k in range(4):
         one = Pose(pose.position[k], pose.rotation[k])
-        A = inverse_kinematics(machine, one).wrench_matrix / metric[:, None]
+        cables = inverse_kinematics(machine, one)
+        A = cables.wrench_matrix / metric[:, None]
         reach = available_wrenches(A, machine.tension_min, machine.tension_max)
         for mass, *signs in itertools.product((10.0, 80.0), *[(-1.0, 1.0)] * 6):
             acceleration = Acceleration(
                 signs[:3] * task.linear_acceleration, signs[3:] * task.angular_acceleration
             )
             w = required_wrench(machine, one, Twist.zero(), acceleration, Payload(mass, CENTER))
+            w = w + rope_wrench(machine, cables)
             lowest[k] = min(lowest[k], reach.margin(w / metric))
     np.testing.assert_allclose(result.margin, lowest, atol=1e-7)
     np.testing.assert_array_equal(result.feasible, lowest >= 0.0)

@@ -12,8 +12,11 @@ from cspr_control.errors import ControlError
 
 Floats = NDArray[np.float64]
 
-_THINNEST = 0.01
-"""Least extent across a path, as a share of its length, that tells how it is turned about itself."""
+_THINNEST = 0.05
+"""Least extent across a path, as a share of its length, that tells how it is turned about itself.
+
+Across a thinner one an error of the platform looks like a turn: one that mirrors the path, like one by 180 degrees.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,23 +56,32 @@ class Alignment:
 def align(measured: Floats, wanted: Floats) -> Alignment:
     """Return the rigid motion that brings points (n, 3) closest to others, in the sense of least squares.
 
-    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976) 922.
-
     Raises
     ------
     ControlError
-        If there are fewer than three points, or they lie on one line, about which they may be turned as one likes.
+        If there are fewer than three points, or the wanted ones lie so nearly on one line that nothing tells how the
+        others are turned about it.
     """
     if len(measured) < 3:
         raise ControlError(f"there are {len(measured)} positions on the trajectory, three are the least")
+    along, across, _ = np.linalg.svd(wanted - wanted.mean(axis=0), compute_uv=False)
+    if not across > _THINNEST * along:
+        width = 2e3 * across / np.sqrt(len(wanted))
+        raise ControlError(
+            f"the path lies on one line to within {width:.0f} mm, less than a twentieth of its length: how the "
+            "measured frame is turned about it cannot be told from an error of the platform. Align it along a path "
+            "that is curved, such as paper-19"
+        )
+    return closest_motion(measured, wanted)
+
+
+def closest_motion(measured: Floats, wanted: Floats) -> Alignment:
+    """Return the same for at least one point, whether or not the points determine the rotation; the residual they do.
+
+    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976) 922.
+    """
     centers = measured.mean(axis=0), wanted.mean(axis=0)
     first, second = measured - centers[0], wanted - centers[1]
-    extents = np.linalg.svd(second, compute_uv=False)
-    if not extents[1] > _THINNEST * extents[0]:
-        raise ControlError(
-            "the positions lie on one line, about which the measured frame may be turned as one likes: align it along "
-            "a path that is curved, such as paper-19"
-        )
     u, _, vt = np.linalg.svd(first.T @ second)
     mirror = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
     rotation = Rotation.from_matrix(vt.T @ mirror @ u.T)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.analysis.alignment import align
+from cspr_control.analysis.alignment import align, closest_motion
 from cspr_control.analysis.pose_file import read_pose_file
 from cspr_control.analysis.pose_track import PoseTrack
-from cspr_control.analysis.recording import ActualPose, Recording
+from cspr_control.analysis.recording import ActualPose, Recording, recorded_time
 from cspr_control.errors import ControlError
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.errors import BagError
@@ -147,7 +147,8 @@ def _from_file(recording: Recording, measured: MeasuredPose) -> PoseTrack:
         if measured.offset is None:
             raise ControlError(
                 f"{measured.source}: time = {seconds[0]:g} is no ROS time (s since 1970): say with --measured-offset "
-                "how many seconds after the start of the first trajectory the file's time zero is"
+                "how many seconds after the start of the first trajectory, which was at "
+                f"{recorded_time(recording.origin_ns)} UTC, the file's time zero is"
             )
     time_ns = begin + np.rint(1e9 * (seconds + (measured.offset or 0.0))).astype(np.int64)
     return PoseTrack(time_ns, position, rotation)
@@ -222,13 +223,9 @@ def _compare_clocks(
 
     def left(shift: float) -> float:
         places, there = _pairs(recording, few, wanted, round(1e9 * shift))
-        if len(places) < 0.5 * every.sum():
+        if len(places) < max(1, 0.5 * every.sum()):
             return np.inf
-        try:
-            return align(places, there).residual_rms_mm
-        except ControlError:  # along a line: without turning
-            off = places - there
-            return 1e3 * float(np.sqrt(off.var(axis=0).sum()))
+        return closest_motion(places, there).residual_rms_mm
 
     steps = round(_LARGEST_SHIFT / _SHIFT_STEP)
     shifts = _SHIFT_STEP * np.arange(-steps, steps + 1)

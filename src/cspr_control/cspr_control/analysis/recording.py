@@ -6,6 +6,7 @@ import json
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,6 +34,11 @@ T = TypeVar("T")
 
 CONFIGURATION_DIRECTORY = Path("config")
 TRUE_POSE = "true pose"
+
+
+def recorded_time(time_ns: int) -> str:
+    """Return a ROS time in ns as people read it, in UTC, to the millisecond."""
+    return datetime.fromtimestamp(time_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
 
 
 @dataclass(frozen=True)

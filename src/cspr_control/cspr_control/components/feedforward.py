@@ -187,6 +187,7 @@ class FeedforwardComponent(Component):
         values: dict[str, Any] = {
             "model": settings.model.value,
             "winch_inertia": settings.winch_inertia,
+            "rope_weight": settings.rope_weight,
             "stretch_compensation": settings.stretch_compensation,
             "payload_source": settings.payload_source.value,
             "tension_method": settings.tension_method,

@@ -148,8 +148,14 @@ class PayloadComponent(Component):
             level, text = Level.WARN, f"the estimate is held: {held.value}"
         elif cause := estimator.cells.verdict.cause:
             level, text = Level.ERROR, f"estimating without a load cell: {cause}"
-        elif estimator.cells.unexplained > 1.0:
-            level, text = Level.WARN, "estimating, but something pushes the platform, or a load cell is wrong"
+        else:
+            doubts = []
+            if estimator.cells.unexplained > 1.0:
+                doubts.append("something pushes the platform, or a load cell is wrong")
+            if problem := estimator.lengths.problem:
+                doubts.append(f"the mass may be wrong: {problem}")
+            if doubts:
+                level, text = Level.WARN, f"estimating, but {'; '.join(doubts)}"
         values: dict[str, Any] = {
             "method": estimator.settings.method.value,
             "valid": str(held is None).lower(),
@@ -162,6 +168,7 @@ class PayloadComponent(Component):
             else f"cable_{cell + 1}",
             "cells_unexplained": f"{estimator.cells.unexplained:.3f}",
             "length_misfit": f"{estimate.length_misfit:.6f}",
+            "length_misfit_rms": f"{estimator.lengths.rms:.6f}" if estimator.lengths.places else "",
             "unpaired_messages": self._pairs.unpaired,
             "unusable_messages": self.unusable,
             "last_problem": self.problem,

@@ -107,7 +107,7 @@ class PoseComponent(Component):
             self.failures += 1
             self.problem = str(error)
             return NOTHING
-        self._misfit.observe(self._estimation.lengths, pose)
+        self._misfit.observe(self._estimation.lengths, self._estimation.errors)
         self.problem = ""
         self._published += 1
         return (Publication(PLATFORM_POSE, PoseSample(stamp, pose.position, pose.quaternion)),)

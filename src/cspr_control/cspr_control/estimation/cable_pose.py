@@ -28,8 +28,9 @@ class CablePose:
     misfit
         Largest difference between the length of a cable and its length at `pose`, m; not-a-number where none was
         found. Grows with what the robot's description does not know: pulleys, points, stretch, slack.
-    lengths
-        The newest lengths that were told (m,), stretch included, m.
+    lengths, errors
+        The newest lengths that were told (m,), stretch included, m; and their errors at `pose`, of no account where
+        none was found.
     tensions
         The newest ones that were given (m,), N, under which cables stretch where none are; those of the home pose
         before the first.
@@ -40,6 +41,7 @@ class CablePose:
         self.pose = robot.home
         self.misfit = math.nan
         self.lengths = robot.winch.home_lengths
+        self.errors: NDArray[np.float64] = np.zeros(robot.number_of_cables)
         self.tensions: NDArray[np.float64] | None = robot.home_tensions if robot.cables.stretch else None
 
     def estimate(self, motor_angles: ArrayLike, tensions: ArrayLike | None = None) -> Pose:
@@ -70,6 +72,7 @@ class CablePose:
         for guess in (self.pose, robot.home):
             solution = solve_forward_kinematics(robot, lengths, guess)
             if solution.converged:
-                self.pose, self.misfit = solution.pose, float(np.abs(solution.residual).max())
+                self.pose, self.errors = solution.pose, solution.residual
+                self.misfit = float(np.abs(self.errors).max())
                 return self.pose
         return forward_kinematics(robot, lengths, robot.home)  # says why there is none

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_kinematics import Pose, Robot, cable_lengths
+from cspr_kinematics import Robot
 
 SPACING = 0.005
 """Share of the cables' mean length at home by which a cable changes from one place to the next."""
@@ -32,7 +32,6 @@ class LengthMisfit:
         m = robot.number_of_cables
         self.places = 0
         self.explained = robot.length_deviation * math.sqrt(m - 6) if m > 6 else math.inf
-        self._robot = robot
         self._spacing = SPACING * float(robot.winch.home_lengths.mean())
         self._last = robot.winch.home_lengths
         self._squares = 0.0
@@ -42,13 +41,13 @@ class LengthMisfit:
         """Over the places so far, m; not-a-number before the first."""
         return math.sqrt(self._squares / self.places) if self.places else math.nan
 
-    def observe(self, lengths: NDArray[np.float64], pose: Pose) -> None:
-        """Count the lengths (m,), m, that were found to fit a pose, if they are those of another place."""
+    def observe(self, lengths: NDArray[np.float64], errors: NDArray[np.float64]) -> None:
+        """Count lengths (m,) and their errors (m,) at the pose that fits them best, m, if they are of another place."""
         if np.abs(lengths - self._last).max() < self._spacing:
             return
-        self._last = lengths
+        self._last = lengths.copy()
         self.places += 1
-        self._squares += float(np.sum((cable_lengths(self._robot, pose) - lengths) ** 2))
+        self._squares += float(errors @ errors)
 
     @property
     def problem(self) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspr_control.errors import MeasurementError
 from cspr_control.estimation.cell_monitor import CellMonitor, CellMonitorSettings, CellObservation
+from cspr_control.estimation.length_misfit import LengthMisfit
 from cspr_control.estimation.motion_filter import MotionFilter, MotionSettings
 from cspr_control.estimation.motor_tensions import MotorTensions, MotorView
 from cspr_control.estimation.observation import Found, Held, Observation
@@ -99,6 +100,8 @@ class PayloadEstimator:
         What is known now.
     cells
         Watches the load cells.
+    lengths
+        Whether the lengths of the run fit poses, as far as all cables were taut and all cells believed.
     """
 
     def __init__(self, robot: Robot, settings: EstimatorSettings) -> None:
@@ -112,6 +115,7 @@ class PayloadEstimator:
         self._trusted_from = 0  # stamp, ns
         self.cells = CellMonitor(robot.number_of_cables, settings.cells, settings.motion.time_constant)
         self._motors = MotorTensions(robot)
+        self.lengths = LengthMisfit(robot)
         self.newest = PayloadEstimate(Payload.none(), None, Held.NO_CYCLE, math.nan, 0, 0)
         self._filter = self._new_filter()
 
@@ -211,6 +215,8 @@ class PayloadEstimator:
         )
         if self.cells.verdict.suspicion:
             wait = wait or Held.DOUBT
+        if wait is None and excluded is None:
+            self.lengths.observe(follower.lengths, follower.errors)
         found = self._filter.observe(observation, wait, excluded)
         if found is Held.JOLT:
             self.cells.forget()

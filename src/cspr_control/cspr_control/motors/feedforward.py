@@ -24,6 +24,7 @@ from cspr_kinematics import (
     inverse_kinematics,
     length_accelerations,
     required_wrench,
+    rope_wrench,
     static_wrench,
 )
 from cspr_msgs_py.parameters.table import defaults, node_parameters
@@ -53,6 +54,7 @@ class FeedforwardSettings:
     stretch_compensation: bool = _DEFAULT["stretch_compensation"]
     stretch_slew: float = _DEFAULT["stretch_slew"]
     winch_inertia: bool = _DEFAULT["winch_inertia"]
+    rope_weight: bool = _DEFAULT["rope_weight"]
     payload_source: PayloadSource = field(default=PayloadSource(_DEFAULT["payload_source"]))
     nominal_payload: Payload = field(default_factory=Payload.none)
     max_payload: float = _DEFAULT["max_payload"]
@@ -107,9 +109,9 @@ class Setpoint(NamedTuple):
         Feed-forward torque (m,), N m: what holds the tensions, what accelerates the winches, and the bridging of a
         switch.
     tensions
-        Cable tensions (m,) behind the torque, N; zero without a model.
+        Cable tensions at the frame (m,) behind the torque, N; zero without a model.
     wrench_matrix, wrench
-        What the tensions must satisfy: A (6, m), and w (6,) of the model, N and N m.
+        What the tensions must satisfy: A (6, m), and the wrench (6,) of the model and the ropes, N and N m.
     feasible
         Whether tensions within the robot's limits give the wrench exactly. If not, ``tensions`` is the
         closest solution within them.
@@ -274,6 +276,8 @@ class Feedforward:
             wrench = required_wrench(robot, pose, twist, acceleration, payload)  # (8)-(13)
         else:
             wrench = static_wrench(robot, pose, payload)  # the weight alone (13)
+        if self._settings.rope_weight:
+            wrench = wrench + rope_wrench(robot, cables)  # not in the paper
         if model is FeedforwardModel.NONE:
             tensions, feasible, residual = np.zeros(robot.number_of_cables), True, 0.0
         else:
@@ -335,4 +339,12 @@ def _load_model(settings: FeedforwardSettings) -> tuple[object, ...]:
     """Return what the torque follows from, besides the tension method."""
     payload = settings.nominal_payload
     winches = settings.winch_inertia and settings.model is FeedforwardModel.DYNAMIC
-    return settings.model, winches, settings.payload_source, payload.mass, *payload.center_of_mass.tolist()
+    ropes = settings.rope_weight and settings.model is not FeedforwardModel.NONE
+    return (
+        settings.model,
+        winches,
+        ropes,
+        settings.payload_source,
+        payload.mass,
+        *payload.center_of_mass.tolist(),
+    )

@@ -112,7 +112,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add(
         "--measured-offset", type=number("a time in s", -math.inf), metavar="S",
         help="added to the times of --measured-pose; those of a file that are no ROS times count from the start of the "
-        "first trajectory, and need it",
+        "first trajectory, which is printed as time zero, and need it",
     )  # fmt: skip
     add(
         "--measured-point", type=_point, metavar="X,Y,Z",

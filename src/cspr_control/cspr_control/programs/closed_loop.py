@@ -49,6 +49,7 @@ examples:
 
 --json FILE holds what summary.json of the demo holds, null for what was not measured:
   controller, exact_mass, trajectory, bag, cause               what was run, where it is recorded, what stopped it
+  time_zero                                                    from when times count, s since 1970
   window                                                       what the numbers cover, s
   platform_judged_by                                           what the platform's numbers go by: its true pose
   rms_platform_error_mm, max_platform_error_mm                 distance of the platform from the reference

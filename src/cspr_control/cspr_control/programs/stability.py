@@ -14,7 +14,6 @@ from cspr_control.stability.kept_results import KeptResult, keep_result
 from cspr_control.stability.loop_configuration import LATENCY, LoopConfiguration
 from cspr_control.stability.safe_gains import SafeGains
 from cspr_control.stability.scan import (
-    LARGEST_GAIN,
     REFUSED_GAIN_MARGIN,
     REFUSED_LATE,
     LoopScan,
@@ -87,27 +86,18 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _table(report: StabilityReport, loop: LoopConfiguration) -> list[str]:
-    gain, constant = report.gain_margin, report.smallest_time_constant
-    least = "none" if constant.place is None else f"{constant.value:.3f} s"
     rows = (
-        ("decay of the slowest mode", f"{report.decay.value:.2f} 1/s", report.decay),
-        ("  of the controllers alone", f"{report.mechanical_decay.value:.2f} 1/s", report.mechanical_decay),
-        ("late cycles until unstable", f"{report.late_cycles.value:.0f}", report.late_cycles),
-        (
-            "gain margin through the estimate",
-            f"{gain.value:.1f}" if gain.place else f"> {LARGEST_GAIN:g}",
-            gain,
-        ),
-        ("unstable time constant, largest", least, constant),
-        (
-            "least stiffness of the held platform",
-            f"{report.held_stiffness.value:.0f} N/m",
-            report.held_stiffness,
-        ),
+        ("decay of the slowest mode", "decay", " 1/s"),
+        ("  of the controllers alone", "mechanical_decay", " 1/s"),
+        ("late cycles until unstable", "late_cycles", ""),
+        ("gain margin through the estimate", "gain_margin", ""),
+        ("unstable below a time constant of", "smallest_time_constant", " s"),
+        ("least stiffness of the held platform", "held_stiffness", " N/m"),
     )
+    words = report.words()
     heading = f"{loop.robot.name}: kp {loop.gains.kp:g} N m/rad, kd {loop.gains.kd:g} N m s/rad, "
     heading += f"{loop.control_rate:g} Hz, torques {loop.latency * 1e3:g} ms after SYNC"
-    return [heading, *(_row(name, value, margin) for name, value, margin in rows)]
+    return [heading, *(_row(what, words[name] + unit, getattr(report, name)) for what, name, unit in rows)]
 
 
 def _row(name: str, value: str, margin: Margin) -> str:

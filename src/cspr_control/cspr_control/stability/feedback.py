@@ -22,6 +22,7 @@ from cspr_control.stability.payload_path import (
     payload_wrenches,
 )
 from cspr_control.stability.sampled_loop import SetpointDeviation
+from cspr_kinematics import static_wrench
 
 FloatArray = NDArray[np.float64]
 
@@ -152,7 +153,7 @@ class MotionFeedback:
 
 def _measurement_slopes(plant: LinearPlant, payload_height: float) -> tuple[FloatArray, FloatArray]:
     """Return how a static measurement of mass and moments follows displacement and wrench, (3, 6) both."""
-    weight = plant.wrench_matrix @ plant.tensions
+    weight = static_wrench(plant.robot, plant.pose, plant.payload)
 
     def measured(displacement: FloatArray, change: FloatArray) -> FloatArray:
         found = measure_payload(

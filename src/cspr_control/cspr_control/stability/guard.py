@@ -82,9 +82,9 @@ class StabilityGuard:
         known, judged = self._newest(), self.verdict
         values: dict[str, Any] = {}
         if known is not None:
-            for name, margin in vars(known.report).items():
-                assert isinstance(margin, Margin)
-                values[name] = f"{margin.value:.4g}"
+            for name, words in known.report.words().items():
+                margin: Margin = getattr(known.report, name)
+                values[name] = words
                 values[f"{name}_at"] = "" if margin.place is None else str(margin.place)
             missing = "computing" if self._asked else "not asked for yet"
             values["safe_gains"] = missing if known.safe_gains is None else "known"

@@ -19,6 +19,7 @@ from cspr_kinematics import (
     distribute_tensions,
     inverse_kinematics,
     required_wrench,
+    rope_wrench,
     static_wrench,
 )
 
@@ -48,7 +49,7 @@ class LinearPlant:
     wrench_matrix
         A (6, m).
     tension_slope, weight_slope
-        (6, 6): what a displacement changes in the wrench of constant tensions, and in the one that holds the weight.
+        (6, 6): what a displacement changes in the wrench of constant tensions, and in what holds weight and ropes.
     mass_matrix
         H (6, 6) of platform and payload about the platform's origin.
     axial_stiffness
@@ -166,9 +167,10 @@ def displaced(pose: Pose, displacement: FloatArray) -> Pose:
 def _wrenches(
     robot: Robot, pose: Pose, payload: Payload, displacement: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return wrench matrix (6, m) and the wrench that holds the weight (6,) at a displaced pose."""
+    """Return wrench matrix (6, m) and the wrench that holds weight and ropes (6,) at a displaced pose."""
     there = displaced(pose, displacement)
-    return inverse_kinematics(robot, there).wrench_matrix, static_wrench(robot, there, payload)
+    cables = inverse_kinematics(robot, there)
+    return cables.wrench_matrix, static_wrench(robot, there, payload) + rope_wrench(robot, cables)
 
 
 def _mass_matrix(robot: Robot, pose: Pose, payload: Payload) -> FloatArray:

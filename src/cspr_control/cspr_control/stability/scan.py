@@ -69,7 +69,7 @@ class StabilityReport:
     late_cycles
         By how many cycles torques must come late for the loop to be unstable; `MOST_LATE` + 1 if those do not do it.
     smallest_time_constant
-        Of the estimate's filter, below which the loop is unstable, s; 0 if it is stable with any.
+        Of the estimate's filter, below which the loop is unstable, s; 0 if it is stable with all of `TIME_CONSTANTS`.
     gain_margin
         By how much what the estimate adds to the set-points may be multiplied; `LARGEST_GAIN` if by more.
     held_stiffness
@@ -82,6 +82,20 @@ class StabilityReport:
     smallest_time_constant: Margin
     gain_margin: Margin
     held_stiffness: Margin
+
+    def words(self) -> dict[str, str]:
+        """Return each margin by its name as it is shown everywhere; ``> 100`` where what is looked at ends before."""
+        ends = {
+            "late_cycles": f"> {MOST_LATE}",
+            "smallest_time_constant": f"< {TIME_CONSTANTS[-1]:.3g}",
+            "gain_margin": f"> {LARGEST_GAIN:g}",
+        }
+        return {
+            name: ends[name]
+            if margin.place is None and name in ends
+            else f"{margin.value:{'.0f' if name == 'held_stiffness' else '.3g'}}"
+            for name, margin in vars(self).items()
+        }
 
 
 @dataclass(frozen=True, eq=False)

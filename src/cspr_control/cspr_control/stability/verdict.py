@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cspr_control.stability.loop_configuration import LoopConfiguration
-from cspr_control.stability.scan import MOST_LATE, REFUSED_GAIN_MARGIN, REFUSED_LATE, StabilityReport
+from cspr_control.stability.scan import REFUSED_GAIN_MARGIN, REFUSED_LATE, TIME_CONSTANTS, StabilityReport
 from cspr_msgs_py.vocabulary import Level, PayloadMethod
 
 WARNED_GAIN_MARGIN = 4.0
@@ -57,7 +57,9 @@ def verdict(report: StabilityReport, loop: LoopConfiguration) -> Verdict:
         return Verdict(Level.ERROR, f"{grows}, growing by {-report.mechanical_decay.value:.3g} 1/s", lower)
     if report.decay.value <= 0.0:
         grows = f"{filtered}, {kd}: the loop through the estimate is unstable, worst at {report.decay.place}"
-        return Verdict(Level.ERROR, f"{grows}, stable above {limit.value:.2g} s", slower)
+        return Verdict(
+            Level.ERROR, f"{grows}, stable above {limit.value or TIME_CONSTANTS[-1]:.2g} s", slower
+        )
     if late.value <= REFUSED_LATE:
         text = f"{kd}: unstable when torques come {late.value:.0f} cycle late, worst at {late.place}"
         return Verdict(Level.ERROR, text, lower)
@@ -71,5 +73,6 @@ def verdict(report: StabilityReport, loop: LoopConfiguration) -> Verdict:
     if late.value <= REFUSED_LATE + 1:
         text = f"{kd}: unstable when torques come {late.value:.0f} cycles late, worst at {late.place}"
         return Verdict(Level.WARN, text, lower)
-    more = f"more than {MOST_LATE}" if late.place is None else f"{late.value:.0f}"
-    return Verdict(Level.OK, f"stable until torques come {more} cycles late; gain margin {gain.value:.3g}")
+    words = report.words()
+    text = f"stable until torques come {words['late_cycles']} cycles late; gain margin {words['gain_margin']}"
+    return Verdict(Level.OK, text)

@@ -48,9 +48,14 @@ class EmergencyStopInput:
         return inputs >> self.bit & 1 == self.active
 
 
+# A cell that is wrong by more, or for longer, is to be found.
+_STUCK_TOO_LONG = "or a load cell that is stuck is not found within a second"
+_OFF_TOO_FAR = "or a load cell that is stuck may be wrong by more than 60 N unnoticed"
+
+
 @dataclass(frozen=True)
 class LoadCellChecks:
-    """When a load cell counts as stuck.
+    """When a load cell counts as stuck; with limits beyond which one would go unnoticed.
 
     Attributes
     ----------
@@ -60,8 +65,8 @@ class LoadCellChecks:
         ...while the tension of another cable changes by more than this, N.
     """
 
-    stuck_time: Positive
-    stuck_span: Positive
+    stuck_time: Annotated[float, Meta(gt=0.0, le=1.0, description=_STUCK_TOO_LONG)]
+    stuck_span: Annotated[float, Meta(gt=0.0, le=60.0, description=_OFF_TOO_FAR)]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from msgspec import Meta
 
 from cspr_drivers.config.file_errors import as_configuration_error
 from cspr_kinematics import Payload, RigidBody, Robot
+from cspr_kinematics.arrays import require_one_for_each_cable
 from cspr_kinematics.configuration.structure import (
     NotNegative,
     Positive,
@@ -264,9 +265,9 @@ def _config(file: _File, path: Path) -> SimulationConfig:
 def _require_one_for_each_cable(file: _File, number_of_cables: int, source: str) -> None:
     for section in ("true_values", "load_cells"):
         for key, value in vars(getattr(file, section)).items():
-            if isinstance(value, list) and len(value) != number_of_cables:
-                problem = f"has {len(value)} elements where {number_of_cables} are needed, one for each cable"
-                raise ConfigurationFileError(source, f"{section}.{key}", value, problem)
+            if isinstance(value, list):
+                with located(source, section):
+                    require_one_for_each_cable(key, value, number_of_cables)
 
 
 def _true_robot(believed: Robot, true: _TrueValues, source: str) -> Robot:

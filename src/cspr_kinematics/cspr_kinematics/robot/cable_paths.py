@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import FloatArray, checked, frozen
+from cspr_kinematics.arrays import FloatArray, checked, frozen, require_one_for_each_cable
 from cspr_kinematics.compiled import kernel_input
 from cspr_kinematics.errors import CableReachError, InvalidInputError
 from cspr_kinematics.motion.pose import Pose
@@ -101,8 +101,7 @@ def home_lengths(
         raise InvalidInputError(
             "exit_points", exits, f"{m} cables; six degrees of freedom need at least {MINIMUM_CABLES}"
         )
-    if len(anchors) != m:
-        raise InvalidInputError("anchor_points", anchors, f"{len(anchors)} anchor points for {m} exit points")
+    require_one_for_each_cable("anchor_points", anchors, m)
     if home.batch_shape:
         raise InvalidInputError("home", home.position, "must be a single pose")
     geometry = path_geometry(exits, anchors, Pulleys.none() if pulleys is None else pulleys)

@@ -8,7 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, as_floats, checked, frozen
+from cspr_kinematics.arrays import (
+    FloatArray,
+    ReadOnlyArrays,
+    as_floats,
+    checked,
+    frozen,
+    require_one_for_each_cable,
+)
 from cspr_kinematics.errors import InvalidInputError
 
 
@@ -74,10 +81,8 @@ class CableProperties(ReadOnlyArrays):
         arrays = {}
         for field in fields(self):
             value = getattr(self, field.name)
-            if value.ndim == 1 and value.shape != (number_of_cables,):
-                raise InvalidInputError(
-                    field.name, value, f"{len(value)} of them for {number_of_cables} cables"
-                )
+            if value.ndim == 1:
+                require_one_for_each_cable(field.name, value, number_of_cables)
             arrays[field.name] = np.broadcast_to(value, (number_of_cables,))
         return CableProperties(**arrays)
 

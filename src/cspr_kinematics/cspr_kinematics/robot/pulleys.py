@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, frozen
+from cspr_kinematics.arrays import FloatArray, ReadOnlyArrays, checked, frozen, require_one_for_each_cable
 from cspr_kinematics.errors import InvalidInputError
 
 UPWARDS = (0.0, 0.0, 1.0)
@@ -77,6 +77,6 @@ class Pulleys(ReadOnlyArrays):
 
     @staticmethod
     def _for_cables(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-        if value.ndim == len(shape) and value.shape != shape:
-            raise InvalidInputError(name, value, f"{len(value)} of them for {shape[0]} cables")
+        if value.ndim == len(shape):
+            require_one_for_each_cable(name, value, shape[0])
         return frozen(np.broadcast_to(value, shape))

@@ -17,6 +17,7 @@ from cspr_kinematics.arrays import (
     for_each_cable,
     frozen,
     positive_number,
+    require_one_for_each_cable,
     single,
 )
 from cspr_kinematics.configuration.structure import located
@@ -79,9 +80,9 @@ class Robot(ReadOnlyArrays):
     ------
     InvalidInputError
         If a value is not finite or has another shape; if there are fewer than 6 cables, or not as
-        many anchor points or pulleys as exit points; if limits are not in order, the home pose or the trajectories'
-        centre lies outside the workspace, or the winch's home lengths are not the cable lengths at the home
-        pose.
+        many anchor points or pulleys as exit points; if limits are not in order, a measured tension is not
+        positive or above its cable's limit, the home pose or the trajectories' centre lies outside the
+        workspace, or the winch's home lengths are not the cable lengths at the home pose.
     """
 
     name: str
@@ -115,10 +116,7 @@ class Robot(ReadOnlyArrays):
         self._set_tension_limits()
         self._set(cables=self.cables.for_each(len(exits)))
         if self.measured_home_tensions is not None:
-            measured = single("home_tensions", self.measured_home_tensions, len(exits))
-            if measured.min() < 0.0:
-                raise InvalidInputError("home_tensions", measured, "no cable pushes")
-            self._set(measured_home_tensions=measured)
+            self._set_measured_home_tensions(self.measured_home_tensions)
         if self.length_uncertainty is not None:
             self._set(length_uncertainty=positive_number("length_uncertainty", self.length_uncertainty))
         self._check_workspace()
@@ -277,6 +275,22 @@ class Robot(ReadOnlyArrays):
             raise InvalidInputError(
                 "tension_min", self.tension_min, f"must be below tension_max = {self.tension_max.tolist()}"
             )
+
+    def _set_measured_home_tensions(self, measured: ArrayLike) -> None:
+        tensions = checked("home_tensions", measured)
+        if tensions.ndim != 1:
+            raise InvalidInputError("home_tensions", measured, "must be a list, one tension for each cable")
+        require_one_for_each_cable("home_tensions", tensions, self.number_of_cables)
+        for place, (tension, largest) in enumerate(zip(tensions, self.tension_max, strict=True)):
+            if tension <= 0.0:
+                problem = "must be positive: of a slack cable the zero of its motor says nothing"
+            elif tension > largest:
+                problem = f"is above tension_max = {largest:g} of this cable"
+            else:
+                continue
+            remedy = "set the home pose again with all cables taut and write down the tensions of then, or leave it out"
+            raise InvalidInputError(f"home_tensions[{place}]", float(tension), f"{problem}; {remedy}")
+        self._set(measured_home_tensions=frozen(tensions))
 
     def _check_workspace(self) -> None:
         if np.any(self.workspace_min >= self.workspace_max):

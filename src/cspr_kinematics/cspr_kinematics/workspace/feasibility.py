@@ -18,6 +18,7 @@ from cspr_kinematics.arrays import (
 )
 from cspr_kinematics.compiled import in_batch, kernel_input
 from cspr_kinematics.dynamics.dynamics import required_wrench, static_wrench
+from cspr_kinematics.dynamics.rope_weight import rope_wrench
 from cspr_kinematics.errors import InvalidInputError
 from cspr_kinematics.kinematics.inverse import inverse_kinematics
 from cspr_kinematics.motion.pose import Acceleration, Pose, Twist
@@ -104,7 +105,7 @@ class Feasibility(ReadOnlyArrays):
 
 
 def assess_task(robot: Robot, pose: Pose, task: Task | None = None, *, lever: float = 1.0) -> Feasibility:
-    """Return the margin with which `task` is possible at `pose`, and the range of possible payloads.
+    """Return the margin with which `task` is possible at `pose`, ropes included, and the range of possible payloads.
 
     Parameters
     ----------
@@ -127,8 +128,10 @@ def assess_task(robot: Robot, pose: Pose, task: Task | None = None, *, lever: fl
     moment_scale[3:] = 1.0 / positive_number("lever", lever)
     batch, m = pose.batch_shape, robot.number_of_cables
     count = math.prod(batch)
-    A = inverse_kinematics(robot, pose).wrench_matrix * moment_scale[:, None]
+    cables = inverse_kinematics(robot, pose)
+    A = cables.wrench_matrix * moment_scale[:, None]
     wrench, per_kg, box, box_per_kg = _task_wrenches(robot, pose, task)
+    wrench = wrench + rope_wrench(robot, cables)
     low, high = tension_limits(robot.tension_min, robot.tension_max, m)
     margin, payloads = np.empty(count), np.empty((count, 2))
     grid_batch(

@@ -99,6 +99,7 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
               "N m/s", 1e-3, 1e4, stretch=_RATE),
         _live("stretch_compensation", True, "Whether set-points allow for the stretch under the model's tensions"),
         _live("stretch_slew", 0.15, "Time constant of the two poles through which they do", "s", 1e-3, 10.0),
+        _live("rope_weight", True, "Whether the tensions carry the ropes too, as those at the frame must"),
         _live("tension_method", "closest", "How the wrench is distributed over the cables",
               choices=("closest", "centroid", "analytic_center")),
         _live("swing_damping", 0.0, "Damping ratio that a load on a sling is given when it swings; 0 leaves it alone",

@@ -303,10 +303,21 @@ def test_a_payload_beyond_the_cables_is_refused(config: SimulationConfig) -> Non
             "sling: {length: 1, stiffness: 1e4}}]",
             r"payload_changes\[0\].duration = 1.*on a sling",
         ),
+        (
+            "offset",
+            "offset: [0.8, ",
+            "offset: [",
+            "load_cells.offset = .* has 7 elements where 8 are needed, one for each cable",
+        ),
         ("unknown", "seed: 1", "seed: 1\nspeed: 3", "speed"),
         ("robot", "robot: robot.yaml", "robot: absent.yaml", "absent.yaml"),
         ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {radius: -0.05}", "pulleys.radius = -0.05"),
-        ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {radius: [0.1, 0.1]}", "pulleys.radius"),
+        (
+            "pulleys.radius",
+            "# pulleys: {radius: 0.05}",
+            "pulleys: {radius: [0.1, 0.1]}",
+            "true_values.pulleys.radius = .* has 2 elements where 8 are needed, one for each cable",
+        ),
         ("pulleys.radius", "# pulleys: {radius: 0.05}", "pulleys: {}", "pulleys.radius"),
         ("pulleys", "# pulleys: {radius: 0.05}", "pulleys: {radius: 0.1, mass: 1.0}", "pulleys.mass"),
         (

@@ -77,6 +77,8 @@ class RunMetrics:
     ----------
     controller, trajectory, bag, robot
         What was run, and where it is recorded.
+    time_zero
+        From which all times count: the start of the first trajectory, or of the recording without one; ROS time, s.
     window
         The window of all numbers but those that the driver counts (`CycleMetrics.counted`).
     duration
@@ -97,6 +99,7 @@ class RunMetrics:
     trajectory: str
     bag: str
     robot: str
+    time_zero: float
     window: Window
     duration: float
     platform: PlatformMetrics | None
@@ -152,6 +155,7 @@ def run_metrics(
         recording.trajectory,
         str(recording.path),
         recording.robot.name,
+        recording.origin_ns * 1e-9,
         recording.window,
         sum(run.end_ns - run.start_ns for run in recording.trajectories) * 1e-9
         or float(np.ptp(times)) * 1e-9,

@@ -1,4 +1,4 @@
-"""Cable tensions that the models predict along a recorded reference (eqs. 8-13 and 15; docs/model.md, section 4)."""
+"""Cable tensions that the models predict along a recorded reference, ropes included (docs/model.md, section 4)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from cspr_kinematics import (
     distribute_tensions,
     inverse_kinematics,
     required_wrench,
+    rope_wrench,
 )
 from cspr_msgs_py.bag.columns import Inertias, References
 
@@ -75,12 +76,13 @@ def predict_tensions(robot: Robot, references: References, payload: Inertias | N
         since = np.searchsorted(payload.log_time_ns, references.time_ns, side="right") - 1
         # before the first one is known it already hung there
         parameters = _payload_parameters(payload)[np.maximum(since, 0)]
-    A, limits = inverse_kinematics(robot, pose).wrench_matrix, (robot.tension_min, robot.tension_max)
+    cables, limits = inverse_kinematics(robot, pose), (robot.tension_min, robot.tension_max)
+    A, ropes = cables.wrench_matrix, rope_wrench(robot, cables)
     tensions = []
     for t, a in ((twist, acceleration), (Twist.zero(), Acceleration.zero())):
         # the wrench is linear in the inertial parameters: a payload acts like an external wrench that it takes
         taken = np.einsum("nij,nj->ni", balance_regressor(pose, t, a), parameters)
-        wrench = required_wrench(robot, pose, t, a, None, -taken)
+        wrench = required_wrench(robot, pose, t, a, None, -taken) + ropes
         tensions.append(distribute_tensions(A, wrench, *limits, "closest").tensions)
     return PredictedTensions(references.time_ns, tensions[0], tensions[1])
 

@@ -39,6 +39,8 @@ class RunSummary:
         Of the payload alone.
     platform
         Of the true or measured pose; None if there is none.
+    time_zero
+        From which times count, the start of the first trajectory: ROS time, s.
     bag
         Where it is recorded; empty if it is not.
     cause
@@ -53,6 +55,7 @@ class RunSummary:
     mass: MassMetrics
     cycle: CycleMetrics
     platform: PlatformMetrics | None = None
+    time_zero: float = math.nan
     bag: str = ""
     cause: str = ""
 
@@ -86,6 +89,7 @@ class RunSummary:
             mass,
             cycle,
             metrics.platform,
+            metrics.time_zero,
             metrics.bag,
             cause,
         )
@@ -119,6 +123,7 @@ class RunSummary:
                 "controller": self.controller,
                 "exact_mass": self.exact_mass,
                 "trajectory": self.trajectory,
+                "time_zero": self.time_zero,
                 "window": self.window,
                 "platform_judged_by": self.platform and self.platform.judged_by,
                 "rms_platform_error_mm": error and error.rms_mm,

@@ -13,6 +13,7 @@ from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics
 from cspr_control.analysis.numbers.metrics import Margin
 from cspr_control.analysis.numbers.platform_error import PlatformMetrics, PoseDeviation
+from cspr_control.analysis.recording import recorded_time
 from cspr_control.analysis.run_analysis import RunAnalysis
 
 NOT_KNOWN = "-"
@@ -46,6 +47,8 @@ def _summary(run: RunAnalysis) -> dict[str, str]:
         "controller": controller_title(one.controller),
         "trajectory": one.trajectory,
         "payload": run.load_text(),
+        "time zero, UTC": recorded_time(run.recording.origin_ns),
+        "time zero, s since 1970": f"{one.time_zero:.3f}",
         "evaluated, s": _number(one.duration, 2),
     }
     texts |= _platform(one.platform)
