@@ -72,7 +72,7 @@ endif
 WHOLE := tests/graph/test_closed_loop.py
 test-parts: $(READY)
 	@echo "== tests"
-	$(PYTEST) -q -n 4 --dist worksteal --ignore $(WHOLE)
+	$(PYTEST) -q -n 4 --dist worksteal --ignore $(WHOLE) $(ARGS)
 test-whole: $(READY)
 	@echo "== tests of the whole graph, which need the CPUs to themselves"
 	$(PYTEST) -q $(WHOLE)

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from tests.messages import from_diagnostic_array
 
 from cspr_drivers.bus.shared_ports import SharedPorts
+from cspr_drivers.clock import Clock
 from cspr_drivers.errors import BusError, ConfigurationError
 from cspr_drivers.nodes.can_drives import CanDrives
 from cspr_drivers.nodes.load_cells import LoadCells
@@ -231,6 +232,23 @@ def test_tensions_and_tare(bench, config, ports, drives, far_end):
         cell.value = 5
     bench.until(lambda: bench.call("/load_cells/tare").success)
     bench.until(lambda: (0x6125, 1) in far_end.cells[7].objects)
+
+
+class AnotherClock(Clock):
+    """Of a process that began when the time of day was another."""
+
+    def system_ns(self):
+        return super().system_ns() - 3_600_000_000_000
+
+
+def test_load_cells_of_another_process_stamp_as_the_drives_do(bench, config, drives):
+    bench.add(LoadCells(config, clock=AnotherClock(), context=bench.context))
+
+    def paired():
+        stamps = [state.stamp_ns for state in bench.states[-50:]]
+        return any(abs(each.stamp_ns - stamp) < 250_000 for each in bench.tensions[-5:] for stamp in stamps)
+
+    bench.until(paired)
 
 
 def test_a_missing_cell_is_named_in_diagnostics(bench, config, ports, drives, far_end):

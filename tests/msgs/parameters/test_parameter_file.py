@@ -120,6 +120,15 @@ def test_what_depends_on_the_computers_clock_is_stretched():
     assert yaml.safe_load(file.text())["supervisor"]["ros__parameters"]["max_age.setpoint"] == 0.8
 
 
+def test_a_default_is_stretched_for_its_node_alone():
+    """The supervisor's `stuck_time` counts on the computer's clock, that of `mass_estimator` on the machine's."""
+    file = ParameterFile("supervisor: {ros__parameters: {}}", "mine.yaml")
+    before = file.values("mass_estimator")
+    file.slow_down(0.25)
+    assert file.values("supervisor")["stuck_time"] == 4.0
+    assert file.values("mass_estimator") == before | {"input_timeout": 0.4}
+
+
 def test_a_stretched_default_does_not_replace_the_value_of_a_node():
     """As ROS reads the text: what stands in it last counts."""
     file = ParameterFile("motor_controller_3: {ros__parameters: {setpoint_timeout: 0.05}}", "mine.yaml")

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
+_SAME_SYNC = 250_000
+"""Largest difference of stamps of one SYNC, ns, half a cycle at 2,000 Hz: load cells with a process of their own have
+their own stamps."""
+
 
 class SyncPair(NamedTuple):
     """What was measured at one SYNC.
@@ -28,7 +32,7 @@ class SyncPair(NamedTuple):
 
 
 class SyncPairs:
-    """Puts together what two topics bring of the same SYNC: what has the same stamp.
+    """Puts together what two topics bring of the same SYNC, by its stamp; that of the motors is the pair's.
 
     Either may come first; what has waited in vain when the next of its kind comes is counted.
 
@@ -57,7 +61,7 @@ class SyncPairs:
 
     def _pair(self) -> SyncPair | None:
         motors, tensions = self._motors, self._tensions
-        if motors is None or tensions is None or motors.stamp_ns != tensions[0]:
+        if motors is None or tensions is None or abs(motors.stamp_ns - tensions[0]) > _SAME_SYNC:
             return None
         self._motors = self._tensions = None
         return SyncPair(motors.stamp_ns, motors.position, tensions[1], motors.effort)

@@ -10,6 +10,7 @@ from queue import Empty, SimpleQueue
 
 from cspr_drivers.bus.can_bus import CanPort, CyclicFrame
 from cspr_drivers.canopen.frame_table import SYNC_COB_ID, FunctionCode, cob_id
+from cspr_drivers.cycle.driver_time import DriverTime
 from cspr_drivers.errors import BusError, FrameError
 
 SyncHandler = Callable[[float, int], None]
@@ -24,6 +25,8 @@ class CanPorts:
     ----------
     clock
         Clock of the machine, which all buses share.
+    driver_time
+        Turns the stamps of SYNCs that another process sends into those of that process.
     """
 
     def __init__(self, ports: Iterable[CanPort]) -> None:
@@ -31,6 +34,7 @@ class CanPorts:
         self._sync_handlers: list[tuple[SyncHandler, threading.Lock]] = []
         self._sync = CyclicFrame(SYNC_COB_ID)
         self._producing = False
+        self.driver_time = DriverTime()
         first = next(iter(self._ports.values()))
         self.clock = first.clock
         first.subscribe(SYNC_COB_ID, self._receive_sync)
@@ -68,7 +72,7 @@ class CanPorts:
     def _receive_sync(self, data: bytes | bytearray, now: float) -> None:
         if self._producing:
             raise FrameError(f"another device sends SYNC as well ({len(data)} bytes)")
-        stamp = self.clock.system_ns() - int(1e9 * (self.clock.monotonic() - now))
+        stamp = self.driver_time.sync(self.clock.system_ns() - int(1e9 * (self.clock.monotonic() - now)))
         for handler, lock in self._sync_handlers:
             with lock:
                 handler(now, stamp)

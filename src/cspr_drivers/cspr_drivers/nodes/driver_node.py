@@ -56,6 +56,8 @@ class DriverNode(LifecycleNode, Generic[_Master]):
     ----------
     name
         Of the node, unless it is renamed.
+    alone
+        Whether no other node uses its buses.
     states
         Topic of the devices' states, which are published when they change, and once a second.
 
@@ -77,6 +79,7 @@ class DriverNode(LifecycleNode, Generic[_Master]):
     ) -> None:
         super().__init__(self.name, **options)
         self.config = load_config(self) if config is None else config
+        self.alone = ports is None
         self.shared_ports = SharedPorts(self.config, clock) if ports is None else ports
         self.active = False
         autostart = declare(self, AUTOSTART)

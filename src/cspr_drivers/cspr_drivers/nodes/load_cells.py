@@ -8,9 +8,10 @@ from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.driver_messages import load_cell_diagnostics, load_cell_states
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode
+from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all
-from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer
-from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, cable_names
+from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer, subscribe_raw
+from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, MOTOR_STATES, cable_names, motor_names
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.samples import Status
 
@@ -29,6 +30,9 @@ class LoadCells(DriverNode[LoadCellMaster]):
         self._names = cable_names(len(self.config.load_cells))
         self._codec = JointStateCodec(self._names, position=False, velocity=False)
         self._tensions = advertise(self, CABLE_TENSIONS)
+        if self.alone:  # else it is there when the driver sends SYNC
+            self._states = JointStateCodec(motor_names(len(self.config.drives)))
+            subscribe_raw(self, MOTOR_STATES, self._heard)
         self.service("~/tare", lambda master: master.tare(tare_limit))
         steady_timer(self, WATCH_PERIOD, self._watch)
 
@@ -51,6 +55,16 @@ class LoadCells(DriverNode[LoadCellMaster]):
     def _watch(self) -> None:
         if self._master is not None:
             self._master.watch(self._master.clock.monotonic())
+
+    def _heard(self, buffer: bytes) -> None:
+        if self._ports is None:
+            return
+        try:
+            stamp = self._states.decode(buffer).stamp_ns
+        except MessageError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+        else:
+            self._ports.driver_time.heard(stamp)
 
     def _publish(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
         self._tensions.publish(self._codec.encode(stamp_ns, effort=tensions))

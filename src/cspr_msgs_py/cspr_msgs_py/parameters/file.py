@@ -163,9 +163,10 @@ class ParameterFile:
                 row = known_parameter(node, name)
                 values[name] = row.in_slow_motion(value, speed) if row and row.stretch else value
         for node in TABLE:
+            block = ALL_NODES if node.endswith("_K") else node  # one row of the table, many nodes
             for name, row in node_parameters(node).items():
                 if row.stretch and name not in self.of(node):
-                    self._nodes[ALL_NODES][name] = row.in_slow_motion(row.default, speed)
+                    self._nodes.setdefault(block, {})[name] = row.in_slow_motion(row.default, speed)
         self.change("simulated_robot", {"speed": speed})
 
     def text(self) -> str:
