@@ -23,6 +23,7 @@ from cspr_control.closed_loop.run import run
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.errors import ControlError
 from cspr_control.parameters.control_settings import control_settings, robot_file
+from cspr_control.parameters.experiment import AddedPayload
 from cspr_control.stability.loop_configuration import LoopConfiguration
 from cspr_control.stability.scan import Place, growth_at
 from cspr_drivers.simulation.simulation_config import SimulationConfig
@@ -67,18 +68,22 @@ PASSED = ((0.0, 0.0, 1.0), (0.5, -0.3, 1.2), (0.4, -0.1, 1.1))  # m; places of t
 LOOPS = 500
 RINGING = 3.0  # times the median change of speed from cycle to cycle: such loops do not come to rest
 LARGEST = 30.0  # deg RMS; and such ones do not follow
-NEVER = 4.0  # s; stands for what does not settle before the end
-LONGEST = 7.0  # s of the trajectory that are run; the payload changes at 3 s
+NEVER = 2.0  # s; stands for what does not settle before the end
+ADDED_AT = 2.0  # s into the trajectory, when it is at full pace
+LONGEST = ADDED_AT + NEVER  # s of the trajectory that are run
 QUICKLY = {
-    "speed": 0.5,
-    "acceleration": 1.0,
+    "speed": 0.8,
+    "acceleration": 2.0,
     "dwell": 0.2,
 }  # m/s, m/s^2, s: nothing is measured before the start
-UNCALIBRATED = {"length_misfit": 0.01}  # m: nothing says by how much the lengths may fit badly
+UNCALIBRATED = {
+    "supervisor": {"length_misfit": 0.01},  # m: nothing says by how much the lengths may fit badly,
+    "mass_estimator": {"cell_tolerance": 1000.0},  # N: nor by how much tensions and motors may disagree
+}
 WATCHED = 250  # cycles at the end
 
 DESCRIPTION = """\
-Run closed loops on the simulated plant (smooth-19, 100 kg aboard, 100 kg more at 3 s) that differ in gains, late
+Run closed loops on the simulated plant (smooth-19, 100 kg aboard, 100 kg more after 2 s) that differ in gains, late
 torques and in what the controllers do not know, drawn as a Latin hypercube, on all cores; then rank correlations of
 what went in with what came out. Each loop is also judged by the linear model of cspr stability, with the true machine.
 
@@ -113,12 +118,13 @@ class Varied(Scenario):
             **timing,
             trajectory=TrajectoryName.SMOOTH_19,
             duration=LONGEST,
+            added=(AddedPayload(100.0, ADDED_AT),),
             seed=number,
             latency=BARE.reaction_time + late * 0.004,
             payload_center=(value["offset"], 0.0, 0.0),
             parameters={
                 "motor_control_gains": {"kp": value["kp"], "kd": value["kd"]},
-                "supervisor": UNCALIBRATED,
+                **UNCALIBRATED,
                 "trajectory_publisher": QUICKLY,
             },
             varied=tuple(value.items()),
