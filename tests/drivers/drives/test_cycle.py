@@ -1,5 +1,6 @@
 """The control cycle by its bytes: no bus, no thread, no clock."""
 
+import itertools
 import math
 import struct
 
@@ -316,3 +317,18 @@ def test_a_second_call_that_is_late_or_of_another_pose_is_a_first_one(robot):
 def test_the_home_pose_that_is_known_can_be_set_at_once(robot):
     at_rest_away_from_home(robot, REVOLUTION // 8)
     assert robot.cycle.home_refusal(robot.now) is None
+
+
+def test_drives_at_rest_get_their_frame_often_enough(robot):
+    """A drive watches for it in any state (1400h:05)."""
+    sent = {0x201 + index: [] for index in range(robot.count)}
+    for _ in range(200):
+        for cob_id, data in robot.turn()[1]:
+            if cob_id in sent:
+                sent[cob_id].append((robot.now, data))
+    limit = robot.cycle.config.timeouts.rpdo
+    for frames in sent.values():
+        times = [time for time, _ in frames]
+        assert max(later - earlier for earlier, later in itertools.pairwise(times)) < 0.5 * limit
+        assert robot.now - times[-1] < 0.5 * limit
+        assert {data for _, data in frames} == {"00 00 00 00"}  # disable voltage, no torque

@@ -28,6 +28,7 @@ from cspr_msgs_py.vocabulary import DriverState
 
 _SAME_HOME = 1.0  # rad at the motor shaft: one and the same pose, within backlash and noise
 _CONFIRMED_WITHIN = 10.0  # s
+_ALIVE = 0.25  # of the time without an RPDO at which a drive acts: how often a drive at rest gets one
 _LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
 
 
@@ -116,7 +117,9 @@ class DriveCycle:
         deadline = now + self.config.period
         known = [drive.state is not None for drive in self.group.drives]
         for index, (rpdo, word) in enumerate(zip(self._rpdos, self.group.control_words, strict=True)):
-            repeat = not (rpdo.sent or self.group.settled(index))
+            # at rest too, or drives that watch for it would miss it
+            due = deadline - rpdo.deadline >= _ALIVE * self.config.timeouts.rpdo
+            repeat = not rpdo.sent and (due or not self.group.settled(index))
             if known[index] and (repeat or word != rpdo.control_word):
                 frames.append(rpdo.make(word, deadline))
             rpdo.sent = False
