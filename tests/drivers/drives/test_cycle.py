@@ -1,5 +1,6 @@
 """The control cycle by its bytes: no bus, no thread, no clock."""
 
+import itertools
 import math
 import struct
 
@@ -274,3 +275,60 @@ def test_two_drives_with_one_node_id_are_told_apart_from_one_whose_encoder_slips
     assert enabled.cycle.group.cause.startswith(
         "motor_3 answers one SYNC twice: another device has its node id"
     )
+
+
+REVOLUTION = 131_072
+
+
+def at_rest_away_from_home(robot, position):
+    """Let all drives stand at a position value, slowly enough for what a motor can do."""
+    while robot.position != position:
+        robot.position += max(-2000, min(2000, position - robot.position))
+        robot.turn()
+    robot.turn()
+
+
+def wait(robot, duration):
+    """Let time pass, s."""
+    end = robot.now + duration
+    while robot.now < end:
+        robot.turn()
+
+
+def test_another_home_pose_is_set_only_when_asked_for_twice(robot):
+    at_rest_away_from_home(robot, REVOLUTION)
+    told = robot.cycle.home_refusal(robot.now)
+    assert "motor_1 +6.3 rad, motor_2 -6.3 rad" in told
+    assert "call again within 10 s" in told
+    wait(robot, 9.0)
+    assert robot.cycle.home_refusal(robot.now) is None
+    assert robot.cycle.home_refusal(robot.now) == told  # and once more for the next time
+
+
+def test_a_second_call_that_is_late_or_of_another_pose_is_a_first_one(robot):
+    at_rest_away_from_home(robot, REVOLUTION)
+    assert robot.cycle.home_refusal(robot.now) is not None
+    wait(robot, 11.0)
+    assert robot.cycle.home_refusal(robot.now) is not None
+    at_rest_away_from_home(robot, 2 * REVOLUTION)
+    assert "motor_1 +12.6 rad" in robot.cycle.home_refusal(robot.now)
+
+
+def test_the_home_pose_that_is_known_can_be_set_at_once(robot):
+    at_rest_away_from_home(robot, REVOLUTION // 8)
+    assert robot.cycle.home_refusal(robot.now) is None
+
+
+def test_drives_at_rest_get_their_frame_often_enough(robot):
+    """A drive watches for it in any state (1400h:05)."""
+    sent = {0x201 + index: [] for index in range(robot.count)}
+    for _ in range(200):
+        for cob_id, data in robot.turn()[1]:
+            if cob_id in sent:
+                sent[cob_id].append((robot.now, data))
+    limit = robot.cycle.config.timeouts.rpdo
+    for frames in sent.values():
+        times = [time for time, _ in frames]
+        assert max(later - earlier for earlier, later in itertools.pairwise(times)) < 0.5 * limit
+        assert robot.now - times[-1] < 0.5 * limit
+        assert {data for _, data in frames} == {"00 00 00 00"}  # disable voltage, no torque

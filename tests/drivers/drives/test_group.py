@@ -482,7 +482,21 @@ def test_a_second_drive_joins_without_disturbing_the_first(disabled):
     assert disabled.cycle(ENABLED, ENABLED) is DriverState.ENABLED
 
 
-def test_one_of_all_drives_is_disabled_and_the_others_go_on(enabled):
+def test_one_of_all_drives_is_not_disabled_alone(enabled):
+    assert enabled.group.disable_refusal(0) == (
+        "motor_1 carries the platform with all others: disable them together"
+    )
+    assert enabled.group.disable_refusal(None) is None
+
+
+def test_one_drive_that_was_enabled_alone_can_be_disabled_alone(disabled):
+    disabled.group.enable(disabled.time, 1)
+    for status in (READY, SWITCHED_ON, ENABLED):
+        disabled.cycle(AT_REST, status)
+    assert disabled.group.disable_refusal(1) is None
+
+
+def test_of_drives_that_were_enabled_one_by_one_the_others_go_on(enabled):
     enabled.group.disable(enabled.time, 0)
     assert enabled.words == [0x07, 0x0F]
     enabled.commanding = True

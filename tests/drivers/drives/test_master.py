@@ -689,14 +689,18 @@ def test_the_present_pose_becomes_the_home_pose(config, ports, far_end, tmp_path
     try:
         wait_until(lambda: rig.state is DriverState.DISABLED)
         for index, drive in enumerate(far_end.drives):
-            drive.counts = 1000 * (index + 1)
+            drive.counts = 4000 * (index + 1)
         wait_until(lambda: rig.states and rig.states[-1].angles[7] != 0.0)
         wait_until(lambda: rig.states[-1].speeds == (0.0,) * 8)
+        refusal = rig.master.set_home()
+        assert "motor_8 " in refusal
+        assert " rad away from it" in refusal
+        assert not any(drive.units.home_counts for drive in CanConfig.from_yaml(path).drives)
         assert rig.master.set_home() is None
         wait_until(lambda: rig.states[-1].angles == (0.0,) * 8)
         assert all(states.speeds[0] < 1000.0 for states in rig.states[-20:])  # no speed from the jump
         stored = CanConfig.from_yaml(path)
-        assert [drive.units.home_counts for drive in stored.drives] == [1000 * (k + 1) for k in range(8)]
+        assert [drive.units.home_counts for drive in stored.drives] == [4000 * (k + 1) for k in range(8)]
         wait_until(lambda: rig.master.enable() is None)
         assert rig.master.set_home() == "the drives are enabling: disable them first"
         wait_until(lambda: rig.state is DriverState.ENABLED)

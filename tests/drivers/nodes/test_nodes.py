@@ -174,6 +174,14 @@ def test_enable_move_disable(bench, drives, far_end):
     assert bench.health["can_drives: bus main"][1] == "ok"
 
 
+def test_no_drive_lets_go_of_the_platform_alone(bench, drives):
+    bench.enable()
+    refused = bench.call("/can_drives/motor_3/disable")
+    assert not refused.success
+    assert refused.message == "motor_3 carries the platform with all others: disable them together"
+    assert bench.state == "enabled"
+
+
 def test_quick_stop_and_reset(bench, drives):
     bench.enable()
     assert bench.call("/can_drives/quick_stop").success

@@ -6,6 +6,7 @@ caller serialises the calls, and sends the frames of each call before those of t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from cspr_drivers.canopen import frame_table
@@ -25,6 +26,9 @@ from cspr_drivers.drives.torque_frames import CommandFault, Frame, TorqueFrame, 
 from cspr_drivers.drives.torque_watch import TorqueWatch
 from cspr_msgs_py.vocabulary import DriverState
 
+_SAME_HOME = 1.0  # rad at the motor shaft: one and the same pose, within backlash and noise
+_CONFIRMED_WITHIN = 10.0  # s
+_ALIVE = 0.25  # of the time without an RPDO at which a drive acts: how often a drive at rest gets one
 _LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
 
 
@@ -75,6 +79,7 @@ class DriveCycle:
         self._sync_time = 0.0
         self._sync_stamp = 0
         self._published_stamp = 0
+        self._home_told = (0.0,) * count, -math.inf  # the pose that was refused as home, and when
 
     # Once a cycle.
 
@@ -112,7 +117,9 @@ class DriveCycle:
         deadline = now + self.config.period
         known = [drive.state is not None for drive in self.group.drives]
         for index, (rpdo, word) in enumerate(zip(self._rpdos, self.group.control_words, strict=True)):
-            repeat = not (rpdo.sent or self.group.settled(index))
+            # at rest too, or drives that watch for it would miss it
+            due = deadline - rpdo.deadline >= _ALIVE * self.config.timeouts.rpdo
+            repeat = not rpdo.sent and (due or not self.group.settled(index))
             if known[index] and (repeat or word != rpdo.control_word):
                 frames.append(rpdo.make(word, deadline))
             rpdo.sent = False
@@ -296,7 +303,8 @@ class DriveCycle:
     def home_refusal(self, now: float) -> str | None:
         """Return why the present pose cannot become the home pose, or `None`.
 
-        Only at rest: a controller would take the jump of the angle for motion.
+        Only at rest: a controller would take the jump of the angle for motion. Where that moves the home pose, who asks
+        is told by how much, and has to ask again.
         """
         if self.group.state in IN_MOTION:
             return f"the drives are {self.group.state.value}: disable them first"
@@ -308,7 +316,23 @@ class DriveCycle:
                 return f"the brake of {drive.name} is open"
             if index in self._feedback.disbelieved:
                 return f"the position of {drive.name} is not believed: reset the fault first"
-        return None
+        return self._unconfirmed_home(now)
+
+    def _unconfirmed_home(self, now: float) -> str | None:
+        angles, (told, told_at) = tuple(self._feedback.angles), self._home_told
+        moved = [index for index, angle in enumerate(angles) if abs(angle) > _SAME_HOME]
+        again = now - told_at <= _CONFIRMED_WITHIN and all(
+            abs(angle - before) <= _SAME_HOME for angle, before in zip(angles, told, strict=True)
+        )
+        if not moved or again:
+            self._home_told = angles, -math.inf
+            return None
+        self._home_told = angles, now
+        away = ", ".join(f"{self.config.drives[index].name} {angles[index]:+.1f} rad" for index in moved)
+        return (
+            f"this is not the home pose that is known, but {away} away from it: if it is the true one nevertheless, "
+            f"call again within {_CONFIRMED_WITHIN:g} s"
+        )
 
     def counts(self) -> list[int]:
         """Return the position values of the present pose (m)."""

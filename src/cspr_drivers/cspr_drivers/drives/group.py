@@ -150,6 +150,14 @@ class DriveGroup:
         self._enter(DriverState.ENABLING, "", time)
         return None
 
+    def disable_refusal(self, index: int | None) -> str | None:
+        """Return why one drive may not be disabled: of all that carry the platform, none may let go alone."""
+        if index is None or self.state is not DriverState.ENABLED or self._members != self._everyone:
+            return None
+        if len(self._everyone) == 1:
+            return None
+        return f"{self._drives[index].name} carries the platform with all others: disable them together"
+
     def disable(self, time: float, index: int | None = None) -> None:
         """Begin to close the brakes, of all drives or of one. Has no effect unless in motion."""
         if self.state not in (DriverState.ENABLING, DriverState.ENABLED):

@@ -161,9 +161,13 @@ class DriveMaster:
                 self.cycle_clock.clear()
             return refusal
 
-    def disable(self, index: int | None = None) -> None:
-        """Begin to close the brakes, of all drives or of one, and to take the torque away."""
-        self._act(self._cycle.disable, index)
+    def disable(self, index: int | None = None) -> str | None:
+        """Begin to close the brakes, of all drives or of one, and to take the torque away; return why not."""
+        with self._lock:
+            refusal = self._cycle.group.disable_refusal(index)
+        if refusal is None:
+            self._act(self._cycle.disable, index)
+        return refusal
 
     def quick_stop(self, cause: str) -> None:
         """Stop all drives at once and latch the cause."""

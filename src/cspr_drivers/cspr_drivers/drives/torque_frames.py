@@ -81,6 +81,8 @@ class TorqueFrame:
         Whether a frame was made since this was last set to `False`.
     control_word
         Control word of the last frame, `None` before the first.
+    deadline
+        Until when the last frame was worth sending, s.
     """
 
     def __init__(self, config: CanConfig, drive: DriveConfig) -> None:
@@ -88,6 +90,7 @@ class TorqueFrame:
         self.stamp_ns = 0
         self.sent = False
         self.control_word: int | None = None
+        self.deadline = -math.inf
         self._bus = drive.bus
         self._cob_id = cob_id(FunctionCode.RPDO1, drive.node_id)
         self._layout = config.pdo.drive_rpdo
@@ -96,5 +99,6 @@ class TorqueFrame:
         """Return the frame of a control word and the present torque."""
         self.sent = True
         self.control_word = control_word
+        self.deadline = deadline
         data = self._layout.encode(control_word, self.torque)
         return Frame(self._bus, self._cob_id, data, deadline, command)

@@ -268,6 +268,19 @@ def test_lost_connection_stops_the_motor_and_closes_the_brake(drive_desk, lose, 
     assert {round(torque, 6) for _, torque in desk.plant.torque_log} == {-1.1, 0.0}
 
 
+def test_an_rpdo_that_does_not_come_is_told_at_rest_too(drive_desk):
+    desk = drive_desk()
+    desk.configure(rpdo_timeout=100)
+    desk.command(0x00)
+    for _ in range(10):
+        desk.wait(0.05)
+        desk.command(0x00)
+    assert desk.emergencies() == []
+    desk.wait(0.15)
+    assert desk.emergencies() == [EmergencyCode.RPDO_TIMEOUT]
+    assert desk.drive.automaton.state is State.SWITCH_ON_DISABLED
+
+
 def test_operation_is_not_kept_without_heartbeat(desk):
     assert desk.write(0x1016, 1, MASTER_ID << 16 | 100, 4) == 0
     desk.send(0x700 + MASTER_ID, b"\x05")

@@ -177,8 +177,13 @@ class DriveEmulator(EmulatedNode):
         self._drive()
 
     def connection_lost(self, code: EmergencyCode, time: float) -> None:
-        """Do what the abort connection option code, 6007h, says, if the drive is in operation."""
+        """Do what the abort connection option code, 6007h, says, if the drive is in operation.
+
+        That no RPDO came in time is an error in any state (CiA 301, 7.2.7.1, code 8250h).
+        """
         if self.automaton.state is not State.OPERATION_ENABLED:
+            if code is EmergencyCode.RPDO_TIMEOUT:
+                self.emergency(code)
             return
         self._error_code = int(code)
         self.emergency(code)
