@@ -62,7 +62,7 @@ class FaultScenario:
     """
 
     name: str
-    begin: Callable[[RobotLoop], None]
+    begin: Callable[[RobotLoop], object]
     cause: str
     end: Callable[[RobotLoop], None] = lambda loop: loop.machine.faults.clear()
     onset: Callable[[RobotLoop], bool] = lambda loop: True

@@ -11,7 +11,8 @@ from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode
 from cspr_msgs_py.errors import MessageError
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import advertise, run_nodes, steady_timer, subscribe_raw
-from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, MOTOR_STATES, cable_names, motor_names
+from cspr_msgs_py.topics import CABLE_TENSIONS, LOAD_CELL_STATES, MOTOR_STATES, cable_names
+from cspr_msgs_py.wire.conversion import decoder
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.samples import Status
 
@@ -31,7 +32,7 @@ class LoadCells(DriverNode[LoadCellMaster]):
         self._codec = JointStateCodec(self._names, position=False, velocity=False)
         self._tensions = advertise(self, CABLE_TENSIONS)
         if self.alone:  # else it is there when the driver sends SYNC
-            self._states = JointStateCodec(motor_names(len(self.config.drives)))
+            self._states = decoder(MOTOR_STATES, len(self.config.drives))
             subscribe_raw(self, MOTOR_STATES, self._heard)
         self.service("~/tare", lambda master: master.tare(tare_limit))
         steady_timer(self, WATCH_PERIOD, self._watch)
@@ -60,7 +61,7 @@ class LoadCells(DriverNode[LoadCellMaster]):
         if self._ports is None:
             return
         try:
-            stamp = self._states.decode(buffer).stamp_ns
+            stamp = self._states(buffer).stamp_ns
         except MessageError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
         else:
