@@ -291,7 +291,7 @@ def ports(config, far_end):
 def wait_until():
     """Wait for a condition that another thread brings about."""
 
-    def wait(condition, timeout=30.0):
+    def wait(condition, timeout=120.0):
         pause = threading.Event()
         for _ in range(int(timeout / 0.005)):
             if condition():

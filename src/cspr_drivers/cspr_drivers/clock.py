@@ -32,6 +32,8 @@ class Clock:
     be set at any moment, by NTP or by hand, so neither age nor order of anything is taken from it.
     """
 
+    _speed = 1.0  # s of the machine in a second of the computer
+
     def __init__(self) -> None:
         self._start, self._start_ns = time.monotonic(), time.time_ns()
 
@@ -70,7 +72,7 @@ class Clock:
         since = (
             self.time_of_day() - stamp
         )  # before `monotonic`: a pause between the two makes the frame younger
-        return self.monotonic() - since
+        return self.monotonic() - since * self._speed
 
     def stamp(self, moment: float) -> float:
         """Return the time of day, s since 1970, at a moment of monotonic time, s."""
@@ -78,7 +80,7 @@ class Clock:
 
     def on_computer(self, duration: float) -> float:
         """Return how long a duration, s, takes on the computer's clock, as timeouts of Python's locks want it."""
-        return duration
+        return duration / self._speed
 
 
 COMPUTER = Clock()
@@ -111,12 +113,3 @@ class SlowClock(Clock):
     def sleep(self, duration: float) -> None:
         """Wait for a time, s."""
         time.sleep(duration / self._speed)
-
-    def moment(self, stamp: float) -> float:
-        """Return the monotonic time, s, of a frame's stamp."""
-        since = self.time_of_day() - stamp
-        return self.monotonic() - since * self._speed
-
-    def on_computer(self, duration: float) -> float:
-        """Return how long a duration, s, takes on the computer's clock."""
-        return duration / self._speed

@@ -64,7 +64,7 @@ SIGN = Header()  # of life of the supervisor
 PATIENT = {"supervision_timeout": 10.0}
 STAMP = 1_700_000_000_000_000_000
 CYCLE = 4_000_000
-PATIENCE = 30.0
+PATIENCE = 120.0
 ZERO = np.zeros(COUNT)
 
 

@@ -19,7 +19,7 @@ from cspr_msgs_py.runtime.process import advertise, subscribe
 from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 
-PATIENCE = 20.0
+PATIENCE = 120.0
 STAMP = 1_700_000_000_000_000_000
 CABLES = JointStateCodec(topics.cable_names(8), position=False, velocity=False)
 POSE = Pose.from_euler([0.1, 0.2, 1.1], 0.1, 0.0, 0.0)

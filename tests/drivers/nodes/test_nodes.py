@@ -39,7 +39,7 @@ from cspr_msgs_py.vocabulary import Level
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.samples import SignOfLife
 
-PATIENCE = 30.0
+PATIENCE = 120.0
 
 
 class Bench:

@@ -35,7 +35,7 @@ from cspr_msgs_py.wire.samples import PoseSample
 pytest.importorskip("mujoco")
 
 ROOT = Path(__file__).parents[3]
-PATIENCE = 30.0
+PATIENCE = 120.0
 
 
 def parameters(**files: Path) -> list[Parameter]:

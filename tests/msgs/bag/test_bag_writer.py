@@ -348,7 +348,7 @@ class TestWriter:
     def test_a_message_reaches_the_disk_while_recording_goes_on(self, bag, recording) -> None:
         writer = BagWriter(bag)
         writer.write(writer.add_topic(TOPIC), 1, 1, recording.state(1))
-        deadline = time.monotonic() + 40 * FLUSH_PERIOD
+        deadline = time.monotonic() + 120 * FLUSH_PERIOD
         number = 0
         while number == 0 and time.monotonic() < deadline:
             time.sleep(0.05)
@@ -381,7 +381,7 @@ class TestWriter:
         topic = writer.add_topic(TOPIC)
         writer.write(topic, 1, 1, recording.state(1))
         monkeypatch.setattr(os, "fdatasync", full_disk)
-        deadline = time.monotonic() + 40 * FLUSH_PERIOD
+        deadline = time.monotonic() + 120 * FLUSH_PERIOD
         while writer.error is None and time.monotonic() < deadline:
             time.sleep(0.02)
         writer.write(topic, 2, 2, recording.state(2))
@@ -416,7 +416,7 @@ class TestWriter:
         topic = writer.add_topic(TOPIC)
         writer.write(topic, 1, 1, recording.state(1))
         writer.split()
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 120.0
         while bag.files == 1:
             assert time.monotonic() < deadline
             time.sleep(0.01)

@@ -9,7 +9,7 @@ from cspr_drivers.bus.virtual_bus import QuickVirtualBus
 from cspr_drivers.simulation.bus.bus_timing import BABBLING_COB_ID, BusDisturbance
 from cspr_drivers.simulation.bus.timed_bus import TimedBus
 
-PATIENCE = 30.0
+PATIENCE = 120.0
 US = 1e-6
 
 
