@@ -69,9 +69,7 @@ class Clock:
 
     def moment(self, stamp: float) -> float:
         """Return the monotonic time, s, of a frame's stamp; wrong by a step of the time of day that lies between."""
-        since = (
-            self.time_of_day() - stamp
-        )  # before `monotonic`: a pause between the two makes the frame younger
+        since = self.time_of_day() - stamp  # read first: a pause between the two makes the frame younger
         return self.monotonic() - since * self._speed
 
     def stamp(self, moment: float) -> float:
