@@ -50,7 +50,7 @@ def taut(robot):
 def cycle(component, number, tensions, tensions_first=False, paired=True, torques=AT_REST):
     stamp, now = 4_000_000 * number, 0.004 * number
     states = JointStateSample(stamp, AT_REST, AT_REST, torques)
-    pulls = JointStateSample(stamp + (not paired), NONE, NONE, tensions)
+    pulls = JointStateSample(stamp + 2_000_000 * (not paired), NONE, NONE, tensions)
     steps = [(component.on_motor_states, states), (component.on_cable_tensions, pulls)]
     outputs = []
     for handle, sample in reversed(steps) if tensions_first else steps:

@@ -20,7 +20,7 @@ from cspr_msgs_py.topics import (
 )
 from cspr_msgs_py.vocabulary import DriverState, HealthKey, Level, RobotState
 from cspr_msgs_py.wire.joint_state import JointStateSample
-from cspr_msgs_py.wire.samples import PoseSample, Status, StatusArray
+from cspr_msgs_py.wire.samples import PoseSample, SignOfLife, Status, StatusArray
 
 CYCLE = 0.004  # s
 NONE = np.empty(0)
@@ -53,7 +53,7 @@ class Home:
         said = {}
         for topic, sample in (
             (DRIVE_STATES, states),
-            (REFERENCE, None),  # that it came is all that counts
+            (REFERENCE, SignOfLife(stamp)),  # that it came, and when, is all that counts
             (SETPOINT, JointStateSample(stamp, self.sound, still, still)),
             (PLATFORM_POSE, PoseSample(stamp, self.position, np.array([0.0, 0.0, 0.0, 1.0]))),
             (MOTOR_STATES, JointStateSample(stamp, angles, still, self.torques)),
@@ -112,3 +112,34 @@ def test_a_failure_is_dealt_with_at_once_whatever_else_the_same_message_says(rob
     sound = Status("pose_estimator", Level.OK, "ready", {})
     outputs = home.supervision.handler(DIAGNOSTICS)(home.time, StatusArray(0, (failed, sound)))
     assert SERVICES[Action.QUICK_STOP] in [each.service for each in outputs if isinstance(each, Call)]
+
+
+@pytest.mark.parametrize("topic", [MOTOR_STATES, REFERENCE, SETPOINT, CABLE_TENSIONS, PLATFORM_POSE])
+@pytest.mark.parametrize("back", [0, 5_000_000_000])
+def test_a_second_publisher_is_named_and_stops_the_robot_at_once(robot, topic, back):
+    bench = Home(robot).enabled()
+    stamp, still = round(bench.time * 1e9) - back, np.zeros(8)
+    sample = {
+        REFERENCE: SignOfLife(stamp),
+        PLATFORM_POSE: PoseSample(stamp, bench.position, np.array([0.0, 0.0, 0.0, 1.0])),
+        CABLE_TENSIONS: JointStateSample(stamp, NONE, NONE, bench.tensions),
+    }.get(topic, JointStateSample(stamp, bench.sound, still, bench.torques))
+    bench.supervision.handler(topic)(bench.time, sample)
+    supervisor = bench.supervision.supervisor
+    assert supervisor.state is RobotState.FAULT
+    assert str(supervisor.fault).startswith(
+        f"two publishers: stamps of {topic.name} repeat or go back: somebody publishes it beside {topic.writer}"
+    )
+
+
+def test_stamps_that_began_anew_let_a_robot_at_rest_be_enabled_later(robot):
+    bench = Home(robot)
+    for _ in range(30):
+        bench.cycle()
+    enable = bench.supervision.services()["/supervisor/enable"]
+    bench.supervision.on_setpoint(bench.time, JointStateSample(7, bench.sound, *np.zeros((2, 8))))
+    refused, _ = enable(bench.time)
+    assert "two publishers: stamps of /setpoint" in refused.message
+    for _ in range(300):
+        bench.cycle()
+    assert enable(bench.time)[0].accepted

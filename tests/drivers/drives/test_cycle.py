@@ -88,6 +88,7 @@ def test_enabling_goes_through_the_control_words_in_turn(robot):
 
 
 def test_a_torque_goes_out_in_the_call_that_brings_it_with_the_control_word(enabled):
+    enabled.turn()
     enabled.cycle.sync(enabled.now + PERIOD, enabled.stamp)
     (frame,) = enabled.cycle.command(enabled.now, 0, enabled.stamp, 2.0)
     assert (frame.bus, frame.cob_id, frame.data) == ("main", 0x201, bytes.fromhex("0F 00 90 01"))
@@ -155,6 +156,7 @@ def test_sync_waits_for_answers_but_not_for_ever(enabled):
 
 def test_a_command_counts_as_fresh_only_when_it_was_sent_in_its_cycle(enabled):
     for late in (False, True):
+        enabled.turn()
         before = enabled.cycle.watch.statistics().late_commands
         (frame,) = enabled.cycle.command(enabled.now, 0, enabled.stamp, 1.0)
         if late:
@@ -167,6 +169,13 @@ def test_an_overtaken_command_is_not_sent(enabled):
     before = enabled.stamp
     enabled.turn(1.0)
     assert enabled.cycle.command(enabled.now, 0, before, 1.0) == []
+
+
+def test_two_torques_for_one_sync_come_from_two_publishers(enabled):
+    enabled.turn(1.0)
+    frames = enabled.cycle.command(enabled.now, 2, enabled.stamp, 1.0)
+    assert {frame.data[:2] for frame in frames} == {b"\x02\x00"}  # quick stop of all drives
+    assert enabled.cycle.group.cause == "motor_3: two torque commands for one SYNC: two nodes publish them"
 
 
 def test_a_frame_cut_short_changes_nothing(enabled):

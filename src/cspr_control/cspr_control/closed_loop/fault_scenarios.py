@@ -19,8 +19,9 @@ from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.supervision.checks import MonitoredInput
 from cspr_drivers.simulation.fault_injection import FaultOrder, InjectedFault
 from cspr_kinematics import Pose
-from cspr_msgs_py.topics import RECORDER_STATE
+from cspr_msgs_py.topics import RECORDER_STATE, SETPOINT
 from cspr_msgs_py.vocabulary import Level
+from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import Status
 
 RobotLoop: TypeAlias = "ClosedLoop[SimulatedRobot]"
@@ -87,6 +88,16 @@ def _heal_controllers(loop: RobotLoop) -> None:
 def _stale_command(loop: RobotLoop) -> None:
     stamp = loop.time.system_ns() - 200_000_000
     loop.machine.drives.command(_PLACE, stamp, -1.0)
+
+
+def _second_controller(loop: RobotLoop) -> None:
+    loop.machine.drives.command(_PLACE, loop.supervisor.checks.stamp_ns, -1.0)
+
+
+def _second_publisher(loop: RobotLoop) -> None:
+    """Let somebody else publish a set-point, for the same motor states: all motors at their home position."""
+    zero = np.zeros((3, loop.robot.number_of_cables))
+    loop.publish(SETPOINT, JointStateSample(loop.supervisor.checks.stamp_ns, *zero))
 
 
 def _unknown_motor(loop: RobotLoop) -> None:
@@ -180,6 +191,8 @@ SCENARIOS = (
         "command_beyond_limit", _answer(lambda torque: 50.0), "beyond the torque limit", _heal_controllers
     ),
     FaultScenario("command_for_unknown_motor", _unknown_motor, "unreadable"),
+    FaultScenario("second_controller", _second_controller, "motor_3: two torque commands for one SYNC"),
+    FaultScenario("second_publisher", _second_publisher, "two publishers: stamps of /setpoint"),
     FaultScenario("controller_killed", _answer(lambda torque: None), "motor_3", _heal_controllers),
     FaultScenario(
         "driver_frozen",

@@ -19,6 +19,7 @@ from cspr_control.components.component import (
 )
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_control.supervision.length_check import LengthCheck
+from cspr_control.supervision.stamp_order import StampOrder
 from cspr_control.supervision.supervisor import Action, Decision, Supervisor
 from cspr_kinematics import Robot
 from cspr_msgs_py.errors import failure_text
@@ -93,6 +94,7 @@ class SupervisionComponent(Component):
         m = robot.number_of_cables
         self.supervisor = Supervisor(m, limits)
         self.lengths = LengthCheck(robot, limits)
+        self._order = StampOrder()
         self._watched = {topic.writer for topic in graph_topics(m)} - {self.name, *_NOT_NEEDED}
         self._recorder_problem = ""
         self._published_state: tuple[object, ...] = ()
@@ -122,27 +124,34 @@ class SupervisionComponent(Component):
         checks = self.supervisor.checks
         checks.observe_motors(now, sample)
         begun = self.lengths.observe_motors(now, sample, checks.following_errors())
-        return self.update(now) if begun else NOTHING
+        doubled = self._order.observe(now, MonitoredInput.MOTOR_STATES, sample.stamp_ns)
+        return self.update(now) if begun or doubled else NOTHING
 
     def on_reference(self, now: float, sample: ReferenceSample) -> Outputs:
         """Note that there is a reference."""
         self.supervisor.checks.observe_arrival(MonitoredInput.REFERENCE, now)
-        return NOTHING
+        return self._in_order(now, MonitoredInput.REFERENCE, sample.stamp_ns)
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the set-point for the next check."""
         self.supervisor.checks.observe_setpoint(now, sample)
-        return NOTHING
+        return self._in_order(now, MonitoredInput.SETPOINT, sample.stamp_ns)
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the tensions for the next check; run the checks at once when the lengths no longer fit."""
         self.supervisor.checks.observe_tensions(now, sample.effort)
-        return self.update(now) if self.lengths.observe_tensions(now, sample) else NOTHING
+        begun = self.lengths.observe_tensions(now, sample)
+        doubled = self._order.observe(now, MonitoredInput.CABLE_TENSIONS, sample.stamp_ns)
+        return self.update(now) if begun or doubled else NOTHING
 
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
         """Store where the platform is."""
         self.supervisor.checks.observe_pose(now, sample.position, sample.quaternion_xyzw)
-        return NOTHING
+        return self._in_order(now, MonitoredInput.PLATFORM_POSE, sample.stamp_ns)
+
+    def _in_order(self, now: float, source: MonitoredInput, stamp_ns: int) -> Outputs:
+        """Note the stamp of a message; run the checks at once when it repeats or goes back."""
+        return self.update(now) if self._order.observe(now, source, stamp_ns) else NOTHING
 
     def on_drive_states(self, now: float, sample: StatusArray) -> Outputs:
         """Store the state of the drives, and run the checks at once."""
@@ -206,6 +215,7 @@ class SupervisionComponent(Component):
         """Run the checks; return the calls of other nodes' services, and the robot's state if it has changed."""
         supervisor = self.supervisor
         before = supervisor.state
+        supervisor.publisher_problem = self._order.problem(now)
         supervisor.length_problem = self.lengths.problem(supervisor.checks.following_errors())
         outputs: list[Output] = [Call(self.name, SERVICES[action]) for action in supervisor.update(now)]
         if supervisor.state is not before and supervisor.fault is not None:

@@ -46,6 +46,7 @@ class FaultKind(StrEnum):
     WORKSPACE = "workspace left"
     LOAD_CELL = "load cell not plausible"
     LENGTHS = "cable lengths fit no pose"
+    PUBLISHERS = "two publishers"
     RECORDING = "recording failed"
     DRIVE_FAULT = "drive fault"
     DRIVE_STATE = "unexpected drive state"

@@ -74,6 +74,8 @@ class Supervisor:
         What is wrong with them as the balance of the platform and the motors find it; likewise.
     length_problem
         Why the cables' lengths fit no pose, or not well; likewise.
+    publisher_problem
+        Which topics have more than one publisher; likewise.
     """
 
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
@@ -90,7 +92,7 @@ class Supervisor:
         self._disabling = False
         self._resetting = False
         self.recording_problem = ""
-        self.load_cell_problem = self.load_cell_doubt = self.length_problem = ""
+        self.load_cell_problem = self.load_cell_doubt = self.length_problem = self.publisher_problem = ""
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
 
@@ -100,6 +102,8 @@ class Supervisor:
             latched = f" by {self.fault}; reset it first" if self.fault else ""
             return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
         obstacle = self.checks.obstacle(time)
+        if obstacle is None and self.publisher_problem:
+            obstacle = str(Fault(FaultKind.PUBLISHERS, self.publisher_problem))
         if obstacle is None and (problem := self.load_cell_problem or self.load_cell_doubt):
             obstacle = f"load cells: {problem}"
         if obstacle is None and self.length_problem:
@@ -204,6 +208,8 @@ class Supervisor:
         faults = checks.stale(time) + checks.failed_nodes(time) + checks.excess(time, following)
         if self.length_problem:  # the path itself is not known: nothing can come to rest along it
             faults.append(Fault(FaultKind.LENGTHS, self.length_problem))
+        if self.publisher_problem:  # what else is wrong may come of it
+            faults.insert(0, Fault(FaultKind.PUBLISHERS, self.publisher_problem))
         urgent = next((fault for fault in faults if not fault.controlled), None)
         urgent = urgent or self._find_drive_fault(time)
         if urgent is not None:

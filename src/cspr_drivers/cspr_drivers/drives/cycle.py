@@ -244,6 +244,8 @@ class DriveCycle:
         if stamp_ns < rpdo.stamp_ns:
             self.watch.command(index, fresh=False, time=0.0)  # overtaken by a newer one
             return []
+        if stamp_ns == rpdo.stamp_ns:
+            return self._reject(now, index, "two torque commands for one SYNC: two nodes publish them")
         rpdo.stamp_ns = stamp_ns
         self.group.commanded(index, now)
         if self.group.state is DriverState.FAULT:
