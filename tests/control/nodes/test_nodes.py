@@ -580,7 +580,7 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
     def cycle():
         stamp = STAMP + round((time.monotonic() - begin) * 1e9)
         bench.publish(topics.MOTOR_STATES, MOTORS.encode(stamp, ZERO, ZERO, ZERO))
-        bench.publish(topics.REFERENCE, reference_message(Motion.at_rest(robot.home)))
+        bench.publish(topics.REFERENCE, reference_message(Motion.at_rest(robot.home), stamp))
         bench.publish(topics.SETPOINT, MOTORS.encode(stamp, ZERO, ZERO, ZERO))
         bench.publish(topics.CABLE_TENSIONS, CABLES.encode(stamp, effort=tensions[0]))
         bench.publish(topics.PLATFORM_POSE, pose_stamped(stamp, robot.home.position, robot.home.quaternion))

@@ -222,6 +222,8 @@ def test_commands_of_another_layout_are_understood(bench, drives, far_end):
     bench.torques[0] = None
     message = JointState(name=["motor_1"], position=[0.0], velocity=[0.0], effort=[2.0])
     message.header.frame_id = "somewhere"
+    seen = len(bench.states)
+    bench.until(lambda: len(bench.states) > seen)  # the next one, which nobody has answered
     stamp = bench.states[-1].stamp_ns
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
     bench.commands[0].publish(serialize_message(message))
