@@ -234,11 +234,16 @@ def tornado(table: FloatArray) -> Figure:
         panel.set_yticks(np.arange(len(order)), labels[order], fontsize=6.5)
         panel.set_xlim(-1.0, 1.0)
         panel.axvline(0.0, color="black", linewidth=0.6)
-        panel.set_title(title)
+        panel.set_title(title, fontsize=9, loc="right")
+        panel.tick_params(axis="x", labelsize=7)
         panel.grid(axis="y", visible=False)
     panels[-1].axis("off")
     panels[-1].text(
-        0.0, 0.9, "Spearman's rank correlation.\nBlue: more of it, more of that;\norange: less.", va="top"
+        -0.8,
+        0.9,
+        "Spearman's rank correlation.\nBlue: the more of it, the more\nof that; orange: the less.",
+        va="top",
+        fontsize=8,
     )
     return figure
 
