@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference import catalogue
-from cspr_control.reference.catalogue import make_trajectory
+from cspr_control.reference.catalogue import INWARD_SPEED, make_trajectory
 from cspr_control.reference.paper import TILT, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
 from cspr_control.reference.point_to_point import PointToPoint
@@ -14,7 +15,7 @@ from cspr_control.reference.quintic import PEAK_ACCELERATION, PEAK_SPEED, quinti
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.strokes import STROKES
 from cspr_control.reference.trajectory import require_inside_workspace
-from cspr_kinematics import Pose
+from cspr_kinematics import KinematicsError, Pose
 from cspr_msgs_py.vocabulary import TrajectoryName
 
 CENTER = np.array([0.0, 0.0, 1.0])
@@ -206,6 +207,32 @@ def test_times_outside_the_trajectory_count_as_its_ends(robot, settings):
             np.testing.assert_array_equal(
                 trajectory.sample(outside).pose.position, trajectory.sample(inside).pose.position
             )
+
+
+OUT = np.array([0.0, 0.1, 0.0])  # m beyond the workspace
+
+
+def move(robot, settings, start, goal):
+    """Make a move between two positions, level."""
+    chosen = replace(settings, goal=Pose(goal, np.eye(3)))
+    return make_trajectory(TrajectoryName.MOVE, robot, Pose(start, np.eye(3)), chosen)
+
+
+def test_a_move_from_outside_leads_back_slowly(robot, settings):
+    start = robot.home.position * (1, 0, 1) + robot.workspace_max * (0, 1, 0) + OUT
+    for goal in (robot.home.position, start - 0.5 * OUT):
+        trajectory = move(robot, settings, start, goal)
+        times = np.linspace(0.0, trajectory.duration, 200)
+        speeds = [np.linalg.norm(trajectory.sample(time).twist.linear) for time in times]
+        assert 0.0 < max(speeds) <= INWARD_SPEED
+
+
+def test_a_move_from_outside_goes_no_further_out(robot, settings):
+    start = robot.home.position * (1, 0, 1) + robot.workspace_max * (0, 1, 0) + OUT
+    aside = robot.home.position * (0, 1, 1) + robot.workspace_max * (1, 0, 0) + (0.1, 0.0, 0.0)
+    for goal in (start + OUT, aside, robot.home.position * np.nan):
+        with pytest.raises((TrajectoryError, KinematicsError)):
+            move(robot, settings, start, goal)
 
 
 def test_a_trajectory_outside_the_workspace_is_refused(robot, limits):

@@ -13,12 +13,15 @@ from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, pa
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.strokes import VerticalStrokes
-from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace
+from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace, way_outside
 from cspr_kinematics import Pose, Robot
 from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import TrajectoryName
 
 _DEFAULT = defaults("trajectory_publisher")
+
+INWARD_SPEED = 0.05
+"""Largest speed of a ``move`` that begins outside of the workspace, m/s."""
 
 
 @dataclass(frozen=True)
@@ -79,14 +82,19 @@ def make_trajectory(
     Raises
     ------
     TrajectoryError
-        If the settings do not fit, or the trajectory leaves the workspace.
+        If the settings do not fit, or the trajectory leaves the workspace. From outside, ``move`` leads back, slowly:
+        it may go no further out along any axis.
     """
     trajectory: Trajectory
     if name is TrajectoryName.HOLD:
         return Hold(present, settings.hold_duration)
     if name is TrajectoryName.MOVE:
-        trajectory = PointToPoint(present, settings.goal, settings.limits)
-    elif name is TrajectoryName.STROKES_Z:
+        outside = bool(way_outside(robot, present.position).any())
+        limits = settings.limits.slowed(INWARD_SPEED) if outside else settings.limits
+        trajectory = PointToPoint(present, settings.goal, limits)
+        require_inside_workspace(trajectory, robot, inward=outside)
+        return trajectory
+    if name is TrajectoryName.STROKES_Z:
         trajectory = VerticalStrokes(robot.trajectory_center)
     elif name in _SMOOTH:
         trajectory = SmoothTrajectory(_PRINTED[_SMOOTH[name]](robot.trajectory_center), settings.blend_time)

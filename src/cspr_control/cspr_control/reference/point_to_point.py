@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,6 +28,11 @@ class MotionLimits:
     acceleration: float
     angular_speed: float
     angular_acceleration: float
+
+    def slowed(self, speed: float) -> MotionLimits:
+        """Return limits of at most a linear speed, m/s, with the angular one smaller by as much."""
+        share = min(1.0, speed / self.speed)
+        return replace(self, speed=share * self.speed, angular_speed=share * self.angular_speed)
 
 
 class PointToPoint:

@@ -10,6 +10,8 @@ from cspr_control.errors import TrajectoryError
 from cspr_kinematics import Motion, Pose, Robot
 from cspr_msgs_py.vocabulary import TrajectoryName
 
+_ROUNDING = 1e-9  # m
+
 WORKSPACE_CHECK_POINTS = 41
 """Number of points, equally spaced in time, at which a trajectory is compared with the workspace."""
 
@@ -51,19 +53,31 @@ class Hold:
         return self._point
 
 
-def require_inside_workspace(trajectory: Trajectory, robot: Robot) -> None:
+def way_outside(robot: Robot, position: np.typing.NDArray[np.float64]) -> np.typing.NDArray[np.float64]:
+    """Return how far a position (3,) is out of the box ``workspace_min`` to ``workspace_max`` along each axis, m."""
+    out = np.maximum(robot.workspace_min - position, position - robot.workspace_max)
+    return np.asarray(np.maximum(out, 0.0))
+
+
+def require_inside_workspace(trajectory: Trajectory, robot: Robot, *, inward: bool = False) -> None:
     """Refuse a trajectory that leaves the robot's workspace.
+
+    Parameters
+    ----------
+    trajectory, robot
+        The two.
+    inward
+        Whether it may begin outside, as long as it goes no further out along any axis.
 
     Raises
     ------
     TrajectoryError
-        If one of `WORKSPACE_CHECK_POINTS` points of the trajectory lies outside the box ``workspace_min`` to
-        ``workspace_max``.
+        If one of `WORKSPACE_CHECK_POINTS` points of the trajectory lies outside.
     """
+    allowed = way_outside(robot, trajectory.sample(0.0).pose.position) if inward else np.zeros(3)
     for time in np.linspace(0.0, trajectory.duration, WORKSPACE_CHECK_POINTS):
         position = trajectory.sample(float(time)).pose.position
-        inside = (position >= robot.workspace_min) & (position <= robot.workspace_max)
-        if not inside.all():
+        if not (way_outside(robot, position) <= allowed + _ROUNDING).all():
             raise TrajectoryError(
                 f"{trajectory.name}: at {time:.2f} s the platform would be at {_metres(position)}, outside "
                 f"{robot.name}'s workspace {_metres(robot.workspace_min)} to {_metres(robot.workspace_max)}"
