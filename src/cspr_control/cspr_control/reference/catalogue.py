@@ -13,8 +13,8 @@ from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, pa
 from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.strokes import VerticalStrokes
-from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace, way_outside
-from cspr_kinematics import Pose, Robot
+from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace
+from cspr_kinematics import Pose, Robot, way_outside
 from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import TrajectoryName
 
@@ -89,7 +89,7 @@ def make_trajectory(
     if name is TrajectoryName.HOLD:
         return Hold(present, settings.hold_duration)
     if name is TrajectoryName.MOVE:
-        outside = bool(way_outside(robot, present.position).any())
+        outside = bool(way_outside(present.position, robot.workspace_min, robot.workspace_max).any())
         limits = settings.limits.slowed(INWARD_SPEED) if outside else settings.limits
         trajectory = PointToPoint(present, settings.goal, limits)
         require_inside_workspace(trajectory, robot, inward=outside)

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from cspr_control.errors import TrajectoryError
-from cspr_kinematics import Motion, Pose, Robot
+from cspr_kinematics import Motion, Pose, Robot, way_outside
 from cspr_msgs_py.vocabulary import TrajectoryName
 
 _ROUNDING = 1e-9  # m
@@ -53,12 +53,6 @@ class Hold:
         return self._point
 
 
-def way_outside(robot: Robot, position: np.typing.NDArray[np.float64]) -> np.typing.NDArray[np.float64]:
-    """Return how far a position (3,) is out of the box ``workspace_min`` to ``workspace_max`` along each axis, m."""
-    out = np.maximum(robot.workspace_min - position, position - robot.workspace_max)
-    return np.asarray(np.maximum(out, 0.0))
-
-
 def require_inside_workspace(trajectory: Trajectory, robot: Robot, *, inward: bool = False) -> None:
     """Refuse a trajectory that leaves the robot's workspace.
 
@@ -74,10 +68,11 @@ def require_inside_workspace(trajectory: Trajectory, robot: Robot, *, inward: bo
     TrajectoryError
         If one of `WORKSPACE_CHECK_POINTS` points of the trajectory lies outside.
     """
-    allowed = way_outside(robot, trajectory.sample(0.0).pose.position) if inward else np.zeros(3)
+    box = robot.workspace_min, robot.workspace_max
+    allowed = way_outside(trajectory.sample(0.0).pose.position, *box) if inward else np.zeros(3)
     for time in np.linspace(0.0, trajectory.duration, WORKSPACE_CHECK_POINTS):
         position = trajectory.sample(float(time)).pose.position
-        if not (way_outside(robot, position) <= allowed + _ROUNDING).all():
+        if not (way_outside(position, *box) <= allowed + _ROUNDING).all():
             raise TrajectoryError(
                 f"{trajectory.name}: at {time:.2f} s the platform would be at {_metres(position)}, outside "
                 f"{robot.name}'s workspace {_metres(robot.workspace_min)} to {_metres(robot.workspace_max)}"

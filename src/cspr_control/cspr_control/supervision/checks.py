@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cspr_control.estimation.stuck import StuckReadings
 from cspr_control.supervision.debounce import Debounce
+from cspr_kinematics import way_outside
 from cspr_msgs_py.topics import graph_topics
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
@@ -357,8 +358,7 @@ class SupervisionChecks:
 
     def _way_outside(self) -> NDArray[np.float64]:
         """Return how far the platform is out of its workspace along each axis (3,), m; nan before the first pose."""
-        out = np.maximum(self._workspace_min - self._position, self._position - self._workspace_max)
-        return np.asarray(np.maximum(0.0, out))
+        return way_outside(self._position, self._workspace_min, self._workspace_max)
 
     def _outside(self) -> str | None:
         """Return in words where the platform has left its workspace; None when it has not."""

@@ -1,0 +1,17 @@
+import numpy as np
+
+from cspr_kinematics import way_outside
+
+LOW, HIGH = np.array([-1.0, -2.0, 0.0]), np.array([1.0, 2.0, 3.0])
+
+
+def test_how_far_out_along_each_axis():
+    positions = [(0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (1.5, -2.25, 1.0), (0.0, 0.0, -0.125)]
+    np.testing.assert_array_equal(
+        way_outside(positions, LOW, HIGH),
+        [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.5, 0.25, 0.0), (0.0, 0.0, 0.125)],
+    )
+
+
+def test_what_is_no_number_is_not_inside():
+    assert not (way_outside((0.0, np.nan, 1.0), LOW, HIGH) <= 0.0).all()
