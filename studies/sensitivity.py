@@ -271,7 +271,8 @@ def _run(options: argparse.Namespace) -> None:
     began, count = monotonic(), int(options.loops)
     cores = len(os.sched_getaffinity(0))
     lower, upper = (np.array([limits[end] for limits in RANGES.values()]) for end in (0, 1))
-    rows = qmc.scale(qmc.LatinHypercube(len(RANGES), rng=7).random(count), lower, upper)
+    draw = qmc.LatinHypercube(len(RANGES), seed=np.random.default_rng(7))
+    rows = qmc.scale(draw.random(count), lower, upper)
     scenarios = [Varied.of(seed, row.tolist()) for seed, row in enumerate(rows, start=1)]
     outcomes: list[Outcome] = []
     with get_context("spawn").Pool(cores, os.nice, (5,)) as pool:

@@ -85,7 +85,7 @@ def test_the_closed_loop_runs_along_a_trajectory(bench, executable, root, wire_r
                 time.clock_settime(time.CLOCK_REALTIME, time.time() - 3600.0)
                 back = True
             time.sleep(0.05)
-            assert states[-1] == "enabled", (states, causes, bench.explain("stopped")())
+            assert states[-1] == "enabled", f"{causes[-1]}; {bench.explain(states)()}"
             # It gives a trajectory up when no motor states come for a while, and holds its pose: a busy computer. And a
             # trajectory ends. While one is under way, another start is refused.
             if time.monotonic() > due:
