@@ -1,7 +1,6 @@
 """The whole closed loop along a trajectory over the kernel's CAN: control, drivers and devices, three processes."""
 
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -26,10 +25,6 @@ PATIENT = (
 )  # may be 5 s of the computer old
 
 
-# The time of day is set back by an hour during the motion, where that of nobody else is set with it.
-CLOCK_IS_OURS = "User Mode Linux" in Path("/proc/cpuinfo").read_text()
-
-
 def control_parameters(path, root, pace):
     """Write the shipped parameters with what the slower cycle, and the slow motion, need."""
     file = ParameterFile.from_yaml(root / "config" / "control.yaml")
@@ -49,7 +44,6 @@ def test_the_closed_loop_runs_along_a_trajectory(bench, executable, root, wire_r
     bench.probe.answers = False  # the controllers answer
     control_parameters(bench.directory / "control.yaml", root, bench.pace)
     probe, states, causes, errors = bench.probe, [], [], []
-    calendar = time.time() - time.monotonic()
     setpoints = JointStateCodec(motor_names(8))
 
     def compare(buffer):
@@ -77,31 +71,26 @@ def test_the_closed_loop_runs_along_a_trajectory(bench, executable, root, wire_r
             time.sleep(0.3)
         bench.until(lambda: probe.call("/trajectory_publisher/start").success, "start is refused")
         errors.clear()
-        begin, back = time.monotonic(), False
+        begin = time.time()
         lowest = highest = probe.state.position
         starts, due = 1, begin + 1.0
-        while time.monotonic() < begin + DURATION / bench.pace.speed:
-            if CLOCK_IS_OURS and not back and time.monotonic() > begin + 0.4 * DURATION / bench.pace.speed:
-                time.clock_settime(time.CLOCK_REALTIME, time.time() - 3600.0)
-                back = True
+        while time.time() < begin + DURATION / bench.pace.speed:
             time.sleep(0.05)
             assert states[-1] == "enabled", f"{causes[-1]}; {bench.explain(states)()}"
             # It gives a trajectory up when no motor states come for a while, and holds its pose: a busy computer. And a
             # trajectory ends. While one is under way, another start is refused.
-            if time.monotonic() > due:
+            if time.time() > due:
                 starts += probe.call("/trajectory_publisher/start").success
                 due += 1.0
             lowest, highest = (
                 np.minimum(lowest, probe.state.position),
                 np.maximum(highest, probe.state.position),
             )
-        end = time.monotonic()
+        end = time.time()
         assert probe.call("/supervisor/stop").success
         bench.until(lambda: states[-1] == "disabled", lambda: f"not stopped: {states}")
         bench.until(lambda: probe.brakes_open == 0, "brakes are open")
     finally:
-        if CLOCK_IS_OURS:
-            time.clock_settime(time.CLOCK_REALTIME, calendar + time.monotonic())
         control.end()
         for subscription in watching:
             probe.node.destroy_subscription(subscription)
@@ -109,10 +98,7 @@ def test_the_closed_loop_runs_along_a_trajectory(bench, executable, root, wire_r
     # it went somewhere, every winch turned: a revolution of a motor is 10 mm of cable
     assert ((highest - lowest) > 2.0 * np.pi).all()
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    # up to where the time of day was set back
-    report = wire_report(
-        [frame for frame in bench.wire.frames() if begin + calendar <= frame.time < end + calendar]
-    )
+    report = wire_report([frame for frame in bench.wire.frames() if begin <= frame.time < end])
     pace = f"{DURATION:g} s at {bench.pace.rate:g} Hz and {bench.pace.speed:g} of real time"
     with capsys.disabled():
         print(f"\n{pace}, smooth-19, started {starts} times: {report}")

@@ -39,13 +39,18 @@ def timers_reset_at_steps(nodes: Sequence[Node]) -> Iterator[None]:
 def watch(
     on_step: Callable[[], None], ended: threading.Event, time_of_day: Callable[[], float] = time.time
 ) -> None:
-    """Call `on_step` at each step of the time of day, s, until `ended` is set."""
+    """Call `on_step` at each step of the time of day, s, until `ended` is set.
+
+    And once more a look later: somebody may have read the time before the step, and begun to wait after it.
+    """
     start: float | None = None
+    again = False
     while not ended.wait(_PERIOD):
         before = time.monotonic()
         difference = time_of_day() - before
         if time.monotonic() - before > _SIMULTANEOUS:
             continue
-        if start is not None and abs(difference - start) > _STEP:
+        stepped = start is not None and abs(difference - start) > _STEP
+        if stepped or again:
             on_step()
-        start = difference
+        start, again = difference, stepped
