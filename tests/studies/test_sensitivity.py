@@ -72,9 +72,7 @@ def test_correlations_and_figure():
     assert not table[:, column("settling")].any()
     assert np.argmax(table[:, column("unstable")]) == names.index("kd")
     panels = tornado(table).axes
-    assert [panel.get_title(loc="left") or panel.get_title() for panel in panels[:5]] == list(
-        OUTCOMES.values()
-    )
+    assert [panel.get_title(loc="right") for panel in panels[:5]] == list(OUTCOMES.values())
     assert panels[0].get_yticklabels()[-1].get_text() == RANGES["kp"][2]
 
 

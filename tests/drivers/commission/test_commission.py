@@ -9,6 +9,7 @@ import json
 import shutil
 import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -284,8 +285,8 @@ def known(content):
 
 def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_until):
     before = rig.path.read_text()
-    refused = why_not_enabled(rig.path, wait_until)
-    assert "serial number" in refused
+    with drivers(rig.path) as master:
+        wait_until(lambda: "serial number" in (master.enable() or ""))
 
     walked = rig.walk()
     assert set(walked.winches) == set(walked.cells) == set(range(1, M + 1))
@@ -325,26 +326,19 @@ def test_a_machine_that_is_wired_otherwise_is_found_as_it_is(rig, content, wait_
     assert rig.brakes_open() == 0
 
     # and now the drivers take the machine
-    assert why_not_enabled(rig.path, wait_until) == ""
+    with drivers(rig.path) as master:
+        wait_until(lambda: master.states()[0] is DriverState.DISABLED)
 
 
-def why_not_enabled(path, wait_until):
-    """Return why the drivers do not get ready with a configuration; empty when they do."""
+@contextmanager
+def drivers(path):
+    """Run the driver of the drives with a configuration."""
     config = CanConfig.from_yaml(path)
     ports = open_ports(config)
-    refusals = [""]
     master = DriveMaster(config, ports, lambda states: None, lambda line: None)
-
-    def known():
-        if master.states()[0] is DriverState.DISABLED:
-            return True
-        refusals.append(master.enable() or "")
-        return "not configured yet" not in refusals[-1]
-
     master.start()
     try:
-        wait_until(known)
-        return "" if master.states()[0] is DriverState.DISABLED else refusals[-1]
+        yield master
     finally:
         master.stop()
         ports.close()
