@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from tests.messages import diagnostic_status, from_diagnostic_status, nanosecond
 from cspr_msgs_py.bag.bag_file import BagFile
 from cspr_msgs_py.bag.metadata import OfferedQos, RecordedTopic
 from cspr_msgs_py.message_definitions import message_definition
+from cspr_msgs_py.nodes.replay import node_names
 from cspr_msgs_py.runtime.process import advertise, subscribe
 from cspr_msgs_py.topics import MOTOR_STATES, ROBOT_STATE, motor_command, motor_names
 from cspr_msgs_py.wire.joint_state import JointStateCodec
@@ -263,3 +265,14 @@ class TestRefusals:
         text = refused(bag.directory)
         assert "/x is left out: message type no_such_msgs/msg/X is not installed" in text
         assert "no topic of" in text
+
+
+def test_nodes_are_asked_for_until_they_have_names() -> None:
+    """A driver whose name comes late must not be taken for somebody who may be given commands."""
+    answers = iter([["_NODE_NAME_UNKNOWN_"], ["_NODE_NAME_UNKNOWN_", "rviz"], ["can_drives", "rviz"]])
+
+    def ask(topic: str) -> list[SimpleNamespace]:
+        assert topic == "/motor_1/command"
+        return [SimpleNamespace(node_name=name) for name in next(answers)]
+
+    assert node_names(ask, "/motor_1/command") == {"can_drives", "rviz"}

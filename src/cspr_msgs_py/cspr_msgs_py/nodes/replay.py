@@ -5,7 +5,7 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 
 import rclpy
@@ -14,6 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
@@ -43,6 +44,8 @@ _LOOK_PERIOD = 0.1  # s between two looks at the keyboard and the progress bar
 _CONFLICT_PERIOD = 1.0  # s between two looks for a driver, and for others who publish the same
 _DISCOVERY_TIME = 1.0  # s in which the nodes that are running are discovered
 _MATCHING_TIME = 5.0  # s at most until those that subscribe are connected
+_NAMING_TIME = 2.0  # s at most until an end point that is known has its node's name
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of an end point whose node is not known yet, as rmw has it
 _END_TIME = 0.5  # s for the last messages to arrive: those not yet taken are lost with their publisher
 
 DESCRIPTION = """Publish a bag as it was recorded: the same bytes on the same topics with the same quality of service
@@ -84,6 +87,14 @@ def _run(options: argparse.Namespace) -> None:
         finally:
             if sys.stderr.isatty():
                 print(file=sys.stderr)  # how far it came stays to be read
+
+
+def node_names(ask: Callable[[str], Sequence[TopicEndpointInfo]], topic: str) -> set[str]:
+    """Return the nodes of a topic's end points, of which discovery may learn earlier than of their nodes' names."""
+    deadline = time.monotonic() + _NAMING_TIME
+    while _UNKNOWN in (names := {each.node_name for each in ask(topic)}) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return names
 
 
 class Replay:
@@ -164,16 +175,14 @@ class Replay:
         """Refuse to impersonate running nodes, and to pass recorded torques to drives."""
         node = self._node
         for name in {*self._publishers, CLOCK} - _COMMON:
-            publishers = node.get_publishers_info_by_topic(name)
-            others = {each.node_name for each in publishers} - {node.get_name()}
+            others = node_names(node.get_publishers_info_by_topic, name) - {node.get_name()}
             if others:
                 raise StartError(
                     f"{name} is published by {', '.join(sorted(others))} already: leave it out with --topics, or "
                     "replay into a graph of its own (another ROS_DOMAIN_ID)"
                 )
             moves = name.endswith("/command") or name == SUPERVISOR_ALIVE.name
-            subscribers = node.get_subscriptions_info_by_topic(name) if moves else ()
-            if DRIVER in {each.node_name for each in subscribers}:
+            if moves and node_names(node.get_subscriptions_info_by_topic, name) & {DRIVER, _UNKNOWN}:
                 raise StartError(
                     f"{name} goes to the drives of a running {DRIVER}: no recording may move a robot"
                 )
