@@ -37,6 +37,7 @@ _LIFECYCLE_SERVICES = (
     "get_transition_graph",
 )
 _DRIVE_COMMANDS = ("enable", "disable", "quick_stop", "fault_reset")
+_WINDING = ("wind_in", "wind_out")  # of one drive alone
 
 
 @dataclass(frozen=True)
@@ -142,9 +143,9 @@ Process = Mapping[str, Access]
 
 def _can_drives(number_of_motors: int) -> _Node:
     motors = range(1, number_of_motors + 1)
-    single = [f"motor_{k}/{command}" for k in motors for command in _DRIVE_COMMANDS]
+    single = [f"motor_{k}/{command}" for k in motors for command in (*_DRIVE_COMMANDS, *_WINDING)]
     return _Node(
-        hears=(topics.SUPERVISOR_ALIVE, *(motor_command(k) for k in motors)),
+        hears=(topics.SUPERVISOR_ALIVE, topics.CABLE_TENSIONS, *(motor_command(k) for k in motors)),
         offers=(*_DRIVE_COMMANDS, "set_home", *single),
         managed=True,
     )
