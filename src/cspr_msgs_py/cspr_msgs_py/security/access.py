@@ -110,8 +110,8 @@ _CONTROL: Mapping[str, _Node] = {
     "supervisor": _Node(
         hears=(
             topics.MOTOR_STATES, topics.REFERENCE, topics.SETPOINT, topics.CABLE_TENSIONS, topics.PLATFORM_POSE,
-            topics.DRIVE_STATES, topics.LOAD_CELL_STATES, topics.LOAD_CELL_CHECK, topics.TRAJECTORY_STATE,
-            topics.RECORDER_STATE, topics.DIAGNOSTICS,
+            topics.PAYLOAD, topics.ROBOT_STATE, topics.SUPERVISOR_ALIVE, topics.DRIVE_STATES, topics.LOAD_CELL_STATES,
+            topics.LOAD_CELL_CHECK, topics.TRAJECTORY_STATE, topics.RECORDER_STATE, topics.DIAGNOSTICS,
         ),
         offers=("enable", "stop", "reset"),
         calls=(
