@@ -461,7 +461,7 @@ def robot_state(name):
 
 
 def test_trajectory_publisher_holds_approaches_and_stops(bench, robot):
-    hurried = {"speed": 9.0, "acceleration": 90.0, "angular_speed": 9.0, "angular_acceleration": 90.0}
+    hurried = {"speed": 0.7, "acceleration": 10.0}
     bench.add(TrajectoryPublisher(**bench.options(trajectory="paper-19", dwell=0.0, **hurried, **PATIENT)))
     references = bench.listen(topics.REFERENCE, raw=True)
     states = bench.listen(topics.TRAJECTORY_STATE)

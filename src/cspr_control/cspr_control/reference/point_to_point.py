@@ -7,9 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspr_control.reference.quintic import quintic, quintic_duration
+from cspr_control.reference.quintic import Reals, quintic, quintic_duration
 from cspr_kinematics import Acceleration, Motion, Pose, Twist
 from cspr_msgs_py.vocabulary import TrajectoryName
+
+APPROACH = "approach"
+"""Name of the motion that leads to the begin of a trajectory."""
+
+_SHORTEST = 1e-9  # s, of a motion between two poses that are the same
 
 
 @dataclass(frozen=True)
@@ -67,16 +72,17 @@ class PointToPoint:
             ),
         )
 
-    def sample(self, time: float) -> Motion:
+    def sample(self, time: Reals) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
-        time = max(time, 0.0)
-        if time >= self.duration:
+        if not isinstance(time, np.ndarray) and time >= self.duration:
             return Motion.at_rest(self._goal)
-        value, first, second = quintic(time / self.duration)
-        rate, acceleration = first / self.duration, second / self.duration**2
-        rotation = Rotation.from_rotvec(value * self._turn).as_matrix() @ self._start.rotation
+        duration = max(self.duration, _SHORTEST)
+        value, first, second = quintic(time / duration)
+        rate, acceleration = first / duration, second / duration**2
+        times = np.multiply.outer
+        rotation = Rotation.from_rotvec(times(value, self._turn)).as_matrix() @ self._start.rotation
         return Motion(
-            Pose.trusted(self._start.position + value * self._line, rotation),
-            Twist(rate * self._line, rate * self._turn),
-            Acceleration(acceleration * self._line, acceleration * self._turn),
+            Pose.trusted(self._start.position + times(value, self._line), rotation),
+            Twist(times(rate, self._line), times(rate, self._turn)),
+            Acceleration(times(acceleration, self._line), times(acceleration, self._turn)),
         )
