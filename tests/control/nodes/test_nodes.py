@@ -510,6 +510,16 @@ def test_trajectory_publisher_holds_approaches_and_stops(bench, robot):
     bench.until(lambda: phase() == "hold", cycle)
 
 
+def test_motions_faster_than_the_motors_are_refused_while_it_runs(bench):
+    node = bench.add(TrajectoryPublisher(**bench.options(trajectory="hold")))
+    assert set_parameter(node, "speed", 0.7).successful
+    refused = set_parameter(node, "speed", 10.0)
+    assert not refused.successful
+    assert "speed is 10; it must be at most 0.75: speed_limit = 450 rad/s" in refused.reason
+    assert not set_parameter(node, "acceleration", 100.0).successful
+    assert node.component.player.limits.speed == 0.7
+
+
 def test_trajectory_publisher_stops_when_the_robot_is_no_longer_enabled(bench, robot):
     bench.add(TrajectoryPublisher(**bench.options(trajectory="smooth-19-tilt", **PATIENT)))
     states = bench.listen(topics.TRAJECTORY_STATE)
@@ -643,6 +653,26 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
     enables = called.count("/can_drives/enable")
     bench.spin(0.3)
     assert called.count("/can_drives/enable") == enables == 2
+
+
+def test_supervisor_names_both_end_points_of_a_topic_with_two_publishers(bench):
+    """Before anything has been published: end points are enough."""
+    bench.add(SupervisorNode(**bench.options()))
+    assert "/setpoint has" not in bench.call("/supervisor/enable").message
+    own = bench.add(Node("feedforward", context=bench.probe.context))
+    other = bench.add(Node("feedforward", namespace="lab", context=bench.probe.context))
+    for node in (own, other):
+        advertise(node, topics.SETPOINT)
+    states = bench.listen(topics.ROBOT_STATE)
+    bench.until(lambda: "/setpoint has" in bench.call("/supervisor/enable").message)
+    refused = bench.call("/supervisor/enable")
+    assert not refused.success
+    assert (
+        "two publishers: /setpoint has 2 publishers, /feedforward and /lab/feedforward: end all but one"
+        in refused.message
+    )
+    bench.until(lambda: states)
+    assert from_diagnostic_status(states[-1])[2] == "disabled"
 
 
 def test_supervisor_repeats_that_a_recording_failed(bench):
