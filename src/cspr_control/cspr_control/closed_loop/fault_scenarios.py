@@ -7,7 +7,7 @@ enable, and nothing else, bring the robot back without a jump.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -27,6 +27,7 @@ from cspr_msgs_py.wire.samples import Status
 RobotLoop: TypeAlias = "ClosedLoop[SimulatedRobot]"
 _PLACE = 2  # the motor or cable, from 0, that has the fault
 _NEW_POSE = 0.1  # s, age up to which the lengths fit a pose now
+_SECOND_AFTER = 0.3  # s at most, from the first fault of a pair to the second
 _WINDING = 2.0  # s that turning a drum back by hand may take
 
 
@@ -60,6 +61,10 @@ class FaultScenario:
         Whether it is none: the robot must go on with its motion, which begins with it, as if nothing were.
     home_counts
         Position value of all drives at the home pose, if not those of can.yaml.
+    happens
+        Time from `begin` on in which all of it happens, s.
+    faults
+        Number of faults, each of which may cost the height that one may.
     """
 
     name: str
@@ -75,6 +80,69 @@ class FaultScenario:
     harms_tension: bool = False
     harmless: bool = False
     home_counts: int | None = None
+    happens: float = 0.0
+    faults: int = 1
+
+    def is_named(self, cause: str) -> bool:
+        """Return whether a latched cause names this fault."""
+        return self.cause in cause
+
+
+@dataclass(frozen=True)
+class FaultPair(FaultScenario):
+    """Two faults, the second shortly after the first; either may be the cause."""
+
+    causes: tuple[str, str] = ("", "")
+
+    def is_named(self, cause: str) -> bool:
+        """Return whether a latched cause names one of them."""
+        return any(words in cause for words in self.causes)
+
+
+def fault_pairs(scenarios: Sequence[FaultScenario], number: int, seed: int) -> Iterator[FaultPair]:
+    """Draw pairs of faults that can both happen to a robot that moves, or both to one that is held still.
+
+    Parameters
+    ----------
+    scenarios
+        Of which they are drawn; those that are motions of their own are left out, as is what is harmless.
+    number, seed
+        Of the draw.
+    """
+    generator = np.random.default_rng(seed)
+    usable = [scenario for scenario in scenarios if scenario.moving and not scenario.harmless]
+    for _ in range(number):
+        first, second = (usable[index] for index in generator.choice(len(usable), 2, replace=False))
+        yield _pair(first, second, delay=round(float(generator.uniform(0.0, _SECOND_AFTER)), 3))
+
+
+def _pair(first: FaultScenario, second: FaultScenario, delay: float) -> FaultPair:
+    def begin(loop: RobotLoop) -> None:
+        def follow() -> None:
+            second.begin(loop)
+
+        first.begin(loop)
+        loop.time.at(loop.time.monotonic() + delay, follow)
+
+    def end(loop: RobotLoop) -> None:
+        second.end(loop)
+        first.end(loop)
+
+    return FaultPair(
+        f"{first.name} + {second.name} {1e3 * delay:.0f} ms later",
+        begin,
+        cause="",
+        end=end,
+        onset=first.onset,
+        towards=first.towards,
+        held=first.held and second.held,
+        lasts=first.lasts + second.lasts,
+        rest=max(first.rest, second.rest),
+        harms_tension=first.harms_tension or second.harms_tension,
+        happens=delay,
+        faults=2,
+        causes=(first.cause, second.cause),
+    )
 
 
 def _answer(torque: Callable[[float], float | None]) -> Callable[[RobotLoop], None]:
