@@ -172,7 +172,21 @@ class SupervisionComponent(Component):
         if drives is None:
             return NOTHING
         self.supervisor.observe_drives(now, drives, status.values.get("cause", ""))
+        self.supervisor.brake_problem = self._slips(sample)
         return self.update(now)
+
+    def _slips(self, sample: StatusArray) -> str:
+        """Return which motors turn with their brakes closed, and by how much cable, in words."""
+        slips = []
+        for status in sample.statuses:
+            if angle := status.values.get("slipped_rad", ""):
+                try:
+                    paid_out = 1e3 * self._robot.winch.transmission_ratio * float(angle)
+                except ValueError:
+                    self.refuse(DRIVE_STATES, f"{status.name}: slipped_rad is {angle!r}")
+                    continue
+                slips.append(f"{status.name} has turned by {angle} rad, {paid_out:+.0f} mm of cable")
+        return f"{'; '.join(slips)}, with its brake closed" if slips else ""
 
     def on_diagnostics(self, now: float, sample: StatusArray) -> Outputs:
         """Note which nodes of the graph are alive, and what has gone wrong in them; then run the checks at once."""

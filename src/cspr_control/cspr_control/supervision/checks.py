@@ -49,6 +49,7 @@ class FaultKind(StrEnum):
     LOAD_CELL = "load cell not plausible"
     LENGTHS = "cable lengths fit no pose"
     PUBLISHERS = "two publishers"
+    BRAKE = "brake slips"
     RECORDING = "recording failed"
     DRIVE_FAULT = "drive fault"
     DRIVE_STATE = "unexpected drive state"
