@@ -510,6 +510,16 @@ def test_trajectory_publisher_holds_approaches_and_stops(bench, robot):
     bench.until(lambda: phase() == "hold", cycle)
 
 
+def test_motions_faster_than_the_motors_are_refused_while_it_runs(bench):
+    node = bench.add(TrajectoryPublisher(**bench.options(trajectory="hold")))
+    assert set_parameter(node, "speed", 0.7).successful
+    refused = set_parameter(node, "speed", 10.0)
+    assert not refused.successful
+    assert "speed is 10; it must be at most 0.75: speed_limit = 450 rad/s" in refused.reason
+    assert not set_parameter(node, "acceleration", 100.0).successful
+    assert node.component.player.limits.speed == 0.7
+
+
 def test_trajectory_publisher_stops_when_the_robot_is_no_longer_enabled(bench, robot):
     bench.add(TrajectoryPublisher(**bench.options(trajectory="smooth-19-tilt", **PATIENT)))
     states = bench.listen(topics.TRAJECTORY_STATE)
