@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from cspr_drivers.brakes.brake_watch import BrakeWatch
 from cspr_drivers.canopen import frame_table
 from cspr_drivers.canopen.cia402 import decode_state
 from cspr_drivers.canopen.emergency import Emergency
@@ -18,7 +19,6 @@ from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.answer_balance import AnswerBalance
 from cspr_drivers.cycle.cycle_watch import CycleWatch
 from cspr_drivers.devices.setup import DriveFacts
-from cspr_drivers.drives.brake_watch import BrakeWatch
 from cspr_drivers.drives.group import IN_MOTION, DriveGroup
 from cspr_drivers.drives.home_position import with_home
 from cspr_drivers.drives.motor_feedback import MotorFeedback

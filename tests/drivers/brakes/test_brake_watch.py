@@ -2,7 +2,7 @@
 
 import pytest
 
-from cspr_drivers.drives.brake_watch import BrakeWatch
+from cspr_drivers.brakes.brake_watch import BrakeWatch
 
 PERIOD = 0.004
 
