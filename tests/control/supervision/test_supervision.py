@@ -43,6 +43,7 @@ LIMITS = SupervisionLimits(
     slack_hold=0.1,
     stop_timeout=0.8,
     drive_timeout=1.0,
+    allowed_drop=0.02,
 )
 
 

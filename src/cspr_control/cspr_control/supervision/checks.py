@@ -114,6 +114,8 @@ class SupervisionLimits:
         In s; the noise of a sound load cell never lets it show the very same value for long.
     length_misfit, slack_misfit, misfit_cycles, slack_tension, slack_hold
         Those of `LengthCheck`.
+    allowed_drop
+        In m, see `cspr_control.supervision.limit_bounds`.
     """
 
     max_ages: dict[MonitoredInput, float]
@@ -143,6 +145,7 @@ class SupervisionLimits:
     enable_timeout: float
     stop_timeout: float
     drive_timeout: float
+    allowed_drop: float
 
 
 class SupervisionChecks:
