@@ -70,8 +70,9 @@ class SupervisorNode(ComponentNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("supervisor", **options)
         warm_up(self.robot)  # compiling takes long, and must not fall into a control cycle
-        values = declare_all(self, length_misfit=self.robot.length_deviation)
-        self.connect(SupervisionComponent(self.robot, supervision_limits(self.robot, values)))
+        declare_all(self, length_misfit=self.robot.length_deviation)
+        limits = self.changeable(partial(supervision_limits, self.robot))
+        self.connect(SupervisionComponent(self.robot, limits))
 
 
 NODES: dict[type[Component], Any] = {

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.estimation.stuck import StuckReadings
+from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.debounce import Debounce
 from cspr_kinematics import way_outside
 from cspr_msgs_py.topics import graph_topics
@@ -48,6 +49,7 @@ class FaultKind(StrEnum):
     LOAD_CELL = "load cell not plausible"
     LENGTHS = "cable lengths fit no pose"
     PUBLISHERS = "two publishers"
+    TORQUE = "torque fits no tension"
     RECORDING = "recording failed"
     DRIVE_FAULT = "drive fault"
     DRIVE_STATE = "unexpected drive state"
@@ -112,6 +114,8 @@ class SupervisionLimits:
         In s; the noise of a sound load cell never lets it show the very same value for long.
     length_misfit, slack_misfit, misfit_cycles, slack_tension, slack_hold
         Those of `LengthCheck`.
+    balance
+        Those of `BalanceCheck` and `HoldingCheck`.
     """
 
     max_ages: dict[MonitoredInput, float]
@@ -141,6 +145,7 @@ class SupervisionLimits:
     enable_timeout: float
     stop_timeout: float
     drive_timeout: float
+    balance: BalanceSettings
 
 
 class SupervisionChecks:

@@ -76,6 +76,10 @@ class Supervisor:
         Why the cables' lengths fit no pose, or not well; likewise.
     publisher_problem
         Which topics have more than one publisher; likewise.
+    balance_problem
+        Why the tensions fit no load, while the brakes are closed; likewise.
+    torque_problem
+        Why the torque of a motor does not fit the tension of its cable; likewise.
     """
 
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
@@ -93,6 +97,7 @@ class Supervisor:
         self._resetting = False
         self.recording_problem = ""
         self.load_cell_problem = self.load_cell_doubt = self.length_problem = self.publisher_problem = ""
+        self.balance_problem = self.torque_problem = ""
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
 
@@ -108,6 +113,8 @@ class Supervisor:
             obstacle = f"load cells: {problem}"
         if obstacle is None and self.length_problem:
             obstacle = str(Fault(FaultKind.LENGTHS, self.length_problem))
+        if obstacle is None and self.balance_problem:
+            obstacle = self.balance_problem
         if obstacle is None and self._drives is not DriverState.DISABLED:
             obstacle = self._drives_are()
         if obstacle is None and not self.phase.at_rest:
@@ -216,6 +223,8 @@ class Supervisor:
             return urgent
         if problem := self.load_cell_problem or self.load_cell_doubt:
             faults.insert(0, Fault(FaultKind.LOAD_CELL, problem, controlled=True))
+        if self.torque_problem:
+            faults.append(Fault(FaultKind.TORQUE, self.torque_problem, controlled=True))
         if self.recording_problem:
             faults.append(Fault(FaultKind.RECORDING, self.recording_problem, controlled=True))
         return faults[0] if faults else None
