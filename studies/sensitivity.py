@@ -72,7 +72,7 @@ NEVER = 2.0  # s; stands for what does not settle before the end
 ADDED_AT = 2.0  # s into the trajectory, when it is at full pace
 LONGEST = ADDED_AT + NEVER  # s of the trajectory that are run
 QUICKLY = {
-    "speed": 0.8,
+    "speed": 0.7,
     "acceleration": 2.0,
     "dwell": 0.2,
 }  # m/s, m/s^2, s: nothing is measured before the start

@@ -14,6 +14,7 @@ from cspr_control.closed_loop.loop import ClosedLoop
 from cspr_control.closed_loop.robot import SimulatedRobot
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.closed_loop.simulated_time import SimulatedTime
+from cspr_control.errors import ControlError
 from cspr_control.parameters.control_settings import control_settings
 from cspr_drivers.config.can_config import CanConfig
 from cspr_kinematics import Robot
@@ -127,14 +128,12 @@ def enabling(wrong: Wrong, payload: float, **supervisor: float) -> str:
         ("platform.mass 600 kg", 200.0, "the load cells carry 352.6 kg"),
         ("platform.mass 15 kg", 200.0, "it should be between 15.3 kg and 315.3 kg"),
         ("home 0.3 m too high", 0.0, "the load cells carry 136.7 kg where it should be between 153.0 kg"),
-        ("exit points 1 and 5 interchanged", 0.0, "a moment about z of 182.9 N m that no load explains"),
         ("exit point 3 10 cm off", 200.0, "a force along y"),
         ("anchor points 1 and 2 interchanged", 200.0, "a moment about z"),
         ("load cells 3 and 4 interchanged", 0.0, "a moment about z"),
         ("load cells 1 and 5 interchanged", 0.0, "a force along y"),
         ("scale of load cell 3 1.3", 0.0, "a force along y"),
         ("scale of all load cells 1.3", 0.0, "torque fits no tension: motor_3 holds"),
-        ("gear_ratio 300 for 30", 0.0, "and so do the others: gear_ratio or drum_radius"),
         ("drum_radius doubled", 0.0, "and so do the others: gear_ratio or drum_radius"),
         ("polarity of all motors", 0.0, "motor_7 holds -345 N by its torque, cable_7 carries 345 N"),
         ("polarity of motor_3", 0.0, "motor_3 winds in and its cable has lost 28 N: is its polarity (can.yaml) wrong?"),
@@ -144,6 +143,12 @@ def test_a_wrong_entry_is_found_when_the_robot_is_enabled(name: str, payload: fl
     said = enabling(WRONG[name], payload)
     assert words in said
     assert bool(words) is bool(said)
+
+
+@pytest.mark.parametrize("name", ["exit points 1 and 5 interchanged", "gear_ratio 300 for 30"])
+def test_a_robot_that_its_own_motion_contradicts_is_not_even_started(name: str) -> None:
+    with pytest.raises(ControlError):
+        believing(WRONG[name], 0.0)
 
 
 @pytest.mark.parametrize(

@@ -93,6 +93,7 @@ def _driver_diagnostics(report: DriveReport) -> Status:
         "skipped_sync": report.skipped_cycles,
         "worst_sync_lateness_us": round(1e6 * report.worst_lateness),
         "time_set_by_s": round(report.time_set_by, 3),
+        "last_winding": report.last_winding,
     }
     if not report.clock_running:
         return Status.of("can_drives", Level.ERROR, "no SYNC is sent", values)

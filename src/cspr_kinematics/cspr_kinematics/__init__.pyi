@@ -43,6 +43,7 @@ from cspr_kinematics.tensions.distribute import bounded_methods as bounded_metho
 from cspr_kinematics.tensions.distribute import distribute_tensions as distribute_tensions
 from cspr_kinematics.tensions.holding import holding_tensions as holding_tensions
 from cspr_kinematics.tensions.result import TensionResult as TensionResult
+from cspr_kinematics.workspace.box import turned_outside as turned_outside
 from cspr_kinematics.workspace.box import way_outside as way_outside
 from cspr_kinematics.workspace.exploration import explore_workspace as explore_workspace
 from cspr_kinematics.workspace.feasibility import Feasibility as Feasibility

@@ -67,6 +67,7 @@ class DriverState(StrEnum):
 
     - NOT_READY: a drive is missing or not at rest.
     - DISABLED: all drives at rest, brakes closed.
+    - WINDING: one winch is wound for a moment, at the operator's command, all others braked.
     - ENABLING: on the way to enabled; the brakes open last, and together.
     - ENABLED: brakes open, torque at the shafts, of all drives or of those enabled singly.
     - STOPPING: brakes are closing, under torque.
@@ -75,6 +76,7 @@ class DriverState(StrEnum):
 
     NOT_READY = "not_ready"
     DISABLED = "disabled"
+    WINDING = "winding"
     ENABLING = "enabling"
     ENABLED = "enabled"
     STOPPING = "stopping"

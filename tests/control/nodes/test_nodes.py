@@ -461,7 +461,7 @@ def robot_state(name):
 
 
 def test_trajectory_publisher_holds_approaches_and_stops(bench, robot):
-    hurried = {"speed": 9.0, "acceleration": 90.0, "angular_speed": 9.0, "angular_acceleration": 90.0}
+    hurried = {"speed": 0.7, "acceleration": 10.0}
     bench.add(TrajectoryPublisher(**bench.options(trajectory="paper-19", dwell=0.0, **hurried, **PATIENT)))
     references = bench.listen(topics.REFERENCE, raw=True)
     states = bench.listen(topics.TRAJECTORY_STATE)
@@ -508,6 +508,16 @@ def test_trajectory_publisher_holds_approaches_and_stops(bench, robot):
     assert bench.call("/trajectory_publisher/stop").success
     assert phase() == "stopping"
     bench.until(lambda: phase() == "hold", cycle)
+
+
+def test_motions_faster_than_the_motors_are_refused_while_it_runs(bench):
+    node = bench.add(TrajectoryPublisher(**bench.options(trajectory="hold")))
+    assert set_parameter(node, "speed", 0.7).successful
+    refused = set_parameter(node, "speed", 10.0)
+    assert not refused.successful
+    assert "speed is 10; it must be at most 0.75: speed_limit = 450 rad/s" in refused.reason
+    assert not set_parameter(node, "acceleration", 100.0).successful
+    assert node.component.player.limits.speed == 0.7
 
 
 def test_trajectory_publisher_stops_when_the_robot_is_no_longer_enabled(bench, robot):

@@ -18,6 +18,7 @@ from cspr_control.parameters.settings import (
     supervision_limits,
     trajectory_settings,
 )
+from cspr_control.reference.point_to_point import MotionLimits
 from cspr_kinematics import Robot, bounded_methods
 from cspr_msgs_py.errors import ParameterError
 from cspr_msgs_py.parameters.file import ParameterFile
@@ -43,6 +44,26 @@ def test_the_shipped_file_makes_the_settings_that_there_are_without_it(file, rob
     trajectory = trajectory_settings(robot, file.values("trajectory_publisher"))
     assert trajectory.name is TrajectoryName.PAPER_19
     assert trajectory.limits.speed == 0.2
+
+
+def test_limits_of_motion_beyond_the_motors_are_refused_with_the_bound(robot: Robot) -> None:
+    """Checked by what a cable would do whose platform moves along it."""
+    values = defaults("trajectory_publisher")
+    for name, bound, why in (
+        ("speed", 0.75, "speed_limit = 450 rad/s"),
+        ("acceleration", 11.1, "torque_limit = 10 N m"),
+        ("angular_speed", 3.6, "speed_limit = 450 rad/s"),
+        ("angular_acceleration", 53.3, "torque_limit = 10 N m"),
+    ):
+        trajectory_settings(robot, values | {name: 0.99 * bound, "trajectory": "hold"})
+        with pytest.raises(SettingError) as refused:
+            trajectory_settings(robot, values | {name: 1.01 * bound, "trajectory": "hold"})
+        assert f"it must be at most {bound:g}" in str(refused.value)
+        assert why in str(refused.value)
+    limits = MotionLimits.of_winches(robot)
+    assert limits.speed / robot.winch.transmission_ratio == pytest.approx(robot.motor.speed_limit)
+    torque = robot.motor.inertia * limits.acceleration / robot.winch.transmission_ratio
+    assert torque == pytest.approx(robot.motor.torque_limit)
 
 
 def test_a_setting_without_its_row_is_missed_in_words(file, robot: Robot) -> None:

@@ -8,13 +8,13 @@ from scipy.spatial.transform import Rotation
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference import catalogue
 from cspr_control.reference.catalogue import INWARD_SPEED, make_trajectory
+from cspr_control.reference.motion_check import require_possible
 from cspr_control.reference.paper import TILT, paper_18, paper_19, paper_19_tilt
 from cspr_control.reference.path_time import rest_to_rest, slowing_to_rest
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_control.reference.quintic import PEAK_ACCELERATION, PEAK_SPEED, quintic, quintic_integral
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.strokes import STROKES
-from cspr_control.reference.trajectory import require_inside_workspace
 from cspr_kinematics import KinematicsError, Pose
 from cspr_msgs_py.vocabulary import TrajectoryName
 
@@ -237,8 +237,8 @@ def test_a_move_from_outside_goes_no_further_out(robot, settings):
 
 def test_a_trajectory_outside_the_workspace_is_refused(robot, limits):
     goal = Pose(robot.workspace_max + 0.1, np.eye(3))
-    with pytest.raises(TrajectoryError, match="outside"):
-        require_inside_workspace(PointToPoint(robot.home, goal, limits), robot)
+    with pytest.raises(TrajectoryError, match="100 mm outside"):
+        require_possible(PointToPoint(robot.home, goal, limits), robot)
 
 
 def test_quintic_and_its_integral():

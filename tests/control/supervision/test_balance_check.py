@@ -21,7 +21,7 @@ class Platform:
         self.robot = robot
         self.check = BalanceCheck(robot, settings)
         self.time = 5.0
-        self.pose = Pose.from_euler(robot.home.position + [0.4, -0.3, 0.5], 0.05, 0.02, -0.03)
+        self.pose = Pose.from_euler(np.add(robot.home.position, [0.4, -0.3, 0.5]), 0.05, 0.02, -0.03)
         self.tensions = holding_tensions(robot, self.pose, Payload(load, np.zeros(3))).tensions
         self.angles = robot.motor_angles(cable_lengths(robot, self.pose), self.tensions)
         self.noise = np.random.default_rng(1)
@@ -50,7 +50,11 @@ def test_nothing_is_said_before_anything_is_known(robot: Robot) -> None:
     check = BalanceCheck(robot, SETTINGS)
     assert check.problem(5.0) == ""
     assert np.isnan(check.load)
-    for angles, tensions in ((NONE, NONE), (np.zeros(8), np.full(8, np.nan)), (np.full(8, 1e6), np.full(8, 300.0))):
+    for angles, tensions in (
+        (NONE, NONE),
+        (np.zeros(8), np.full(8, np.nan)),
+        (np.full(8, 1e6), np.full(8, 300.0)),
+    ):
         check.observe(5.0, SyncPair(0, angles, tensions, NONE))
     assert check.problem(5.0) == ""
 

@@ -13,7 +13,9 @@ CYCLE = 0.004  # s
 TENSIONS = np.linspace(300.0, 440.0, 8)  # N
 
 
-def holding(robot: Robot, share: float = 1.0, motors: slice = slice(None), moves_after: float = 9.0) -> HoldingCheck:
+def holding(
+    robot: Robot, share: float = 1.0, motors: slice = slice(None), moves_after: float = 9.0
+) -> HoldingCheck:
     """Return a check that has seen a second of holding, in which motors show a share of the torque."""
     check = HoldingCheck(robot, 0.05)
     friction = robot.motor.coulomb_friction * np.resize([1.0, -1.0], 8)

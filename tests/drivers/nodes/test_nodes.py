@@ -244,6 +244,23 @@ def test_tensions_and_tare(bench, config, ports, drives, far_end):
     bench.until(lambda: (0x6125, 1) in far_end.cells[7].objects)
 
 
+def test_a_slack_cable_is_wound_in_until_its_time_is_over(bench, config, ports, drives, far_end):
+    bench.until(lambda: bench.state == "disabled")
+    refused = bench.call("/can_drives/motor_3/wind_in")
+    assert not refused.success
+    assert "the tension of cable_3 is not known" in refused.message
+    bench.add(LoadCells(config, ports, context=bench.context))
+    far_end.cells[2].value = 3
+    bench.until(lambda: bench.tensions and bench.tensions[-1].effort[2] < 10.0)
+    bench.until(lambda: bench.call("/can_drives/motor_3/wind_in").success)
+    bench.until(lambda: any(torque < 0 for _, torque in far_end.drives[2].rpdos))
+    bench.until(lambda: "winding" in {entry["can_drives"][1] for entry in bench.drives})
+    bench.until(lambda: bench.state == "disabled")
+    assert not any(word == 0x0F for drive in far_end.drives[:2] for word, _ in drive.rpdos)
+    bench.until(lambda: "can_drives" in bench.health)
+    bench.until(lambda: "0.3 s are over" in bench.health["can_drives"][2]["last_winding"])
+
+
 class AnotherClock(Clock):
     """Of a process that began when the time of day was another."""
 

@@ -118,6 +118,9 @@ def test_unknown_key(write: Callable[[str, Any], Path], key: str) -> None:
         pytest.param("tension_max", 10**400, "finite", id="tension_max-10^400"),
         ("home.euler", [0.0, 0.0], "2 elements where 3"),
         ("workspace_min", [2.0, -0.7, 0.3], "must be below workspace_max"),
+        ("orientation_min", [0.5, -0.35, -0.35], "must be below orientation_max"),
+        ("orientation_max", [0.5, 1.6, 0.35], "within pi / 2 of level"),
+        ("cable_clearance", -0.01, "must lie in [0, 1]"),
         ("trajectory_center", [0.0, 0.0, 5.0], "outside workspace"),
         ("name", 8, "non-empty text"),
         ("name", " ", "non-empty text"),
@@ -143,6 +146,13 @@ def test_home_outside_the_workspace_or_at_an_exit_point(
     assert_refused(write("home.position", [0.0, 0.0, 2.9]), "home", "outside workspace", None)
     touching = (robot.exit_points[4] - robot.anchor_points[4]).tolist()
     assert_refused(write("home.position", touching), "home", "cable 5 has no length", None)
+
+
+def test_bounds_of_the_orientation(write: Callable[[str, Any], Path], robot: Robot) -> None:
+    assert_refused(write("orientation_min", [0.1, -0.35, -0.35]), "home", "outside orientation_min", None)
+    assert_refused(write("orientation_max", None), "orientation_min", "or neither", None)
+    free = dataclasses.replace(robot, orientation_min=None, orientation_max=None)
+    np.testing.assert_array_equal(free.orientation_bounds, np.add.outer([-0.35, 0.35], robot.home.euler))
 
 
 @pytest.mark.parametrize(

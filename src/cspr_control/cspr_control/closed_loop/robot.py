@@ -24,6 +24,7 @@ from cspr_drivers.driver_messages import (
 )
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.drives.winding import Direction
 from cspr_drivers.errors import DriverError
 from cspr_drivers.load_cells.master import LoadCellMaster
 from cspr_drivers.simulation.bus.simulated_bus import SimulatedBus
@@ -159,6 +160,10 @@ class SimulatedRobot:
             "/can_drives/quick_stop": partial(drives.quick_stop, "quick stop commanded"),
             "/can_drives/fault_reset": drives.fault_reset,
         }
+        for index, motor in enumerate(self.config.drives):
+            for way in Direction:
+                name = f"/can_drives/{motor.name}/wind_{way.name.lower()}"
+                commands[name] = partial(drives.wind, index, way)
         refusal = commands[service]()
         return Decision(refusal is None, refusal or "accepted")
 
@@ -229,6 +234,7 @@ class SimulatedRobot:
         self.publish(MOTOR_STATES, JointStateSample(states.stamp_ns, angles, speeds, torques))
 
     def _publish_tensions(self, stamp_ns: int, tensions: tuple[float, ...]) -> None:
+        self.drives.tensions(tensions)
         self.publish(CABLE_TENSIONS, JointStateSample(stamp_ns, _NONE, _NONE, np.array(tensions)))
 
     def _warn(self, node: str, text: str) -> None:

@@ -98,6 +98,7 @@ class SupervisionComponent(Component):
     def __init__(self, robot: Robot, limits: SupervisionLimits) -> None:
         super().__init__("supervisor", ROBOT_STATE, SUPERVISOR_ALIVE)
         m = robot.number_of_cables
+        self._robot = robot
         self.supervisor = Supervisor(m, limits)
         self.lengths = LengthCheck(robot, limits)
         self.balance = BalanceCheck(robot, limits.balance)
@@ -125,11 +126,19 @@ class SupervisionComponent(Component):
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
         """Return ``enable``, ``stop`` and ``reset``."""
-        commands = (self.supervisor.enable, self.supervisor.stop, self.supervisor.reset)
+        commands = (self.enable, self.supervisor.stop, self.supervisor.reset)
         return {f"/{self.name}/{command.__name__}": partial(self._command, command) for command in commands}
 
+    def enable(self, now: float) -> Decision:
+        """Operator's command to enable the robot; see `Supervisor.enable`."""
+        supervisor = self.supervisor
+        supervisor.slack_problem = ""
+        supervisor.balance_problem = self.balance.problem(now)
+        if supervisor.state is RobotState.DISABLED:  # brakes are closed: there is time
+            supervisor.slack_problem = supervisor.checks.slack_problem(self._robot, supervisor.behind)
+        return supervisor.enable(now)
+
     def _command(self, command: Callable[[float], Decision], now: float) -> tuple[Decision, Outputs]:
-        self.supervisor.balance_problem = self.balance.problem(now)
         decision = command(now)
         remark = Remark(self.name, Level.OK, f"{command.__name__}: {decision.message}")
         return decision, [remark, *self.update(now)]

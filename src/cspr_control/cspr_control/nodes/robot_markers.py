@@ -120,7 +120,7 @@ class RobotMarkers(Node):
             return
         # speeds do not change the path; where it runs is in the robot's file
         home, chosen = self._robot.home, TrajectoryName(name)
-        settings = TrajectorySettings(chosen, MotionLimits(1.0, 1.0, 1.0, 1.0), home)
+        settings = TrajectorySettings(chosen, MotionLimits(*([0.1] * 4)), home)
         try:
             trajectory = make_trajectory(chosen, self._robot, home, settings)
         except ControlError as error:

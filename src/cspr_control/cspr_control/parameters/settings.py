@@ -104,9 +104,11 @@ def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySe
     for vector, elements in goal.items():
         if len(elements) != 3:
             raise TrajectoryError(f"{vector} has {len(elements)} elements; 3 are needed")
+    limits = _of(MotionLimits, values)
+    limits.require_possible(robot)
     converted = {
         "name": TrajectoryName(values["trajectory"]),
-        "limits": _of(MotionLimits, values),
+        "limits": limits,
         "goal": Pose.from_euler(goal["move_position"], *goal["move_orientation"]),
     }
     settings = _of(TrajectorySettings, values, converted)

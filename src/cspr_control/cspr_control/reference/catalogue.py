@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.errors import TrajectoryError
+from cspr_control.reference.motion_check import require_possible
 from cspr_control.reference.paper import PaperTrajectory, paper_18, paper_19, paper_19_tilt
-from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.point_to_point import APPROACH, MotionLimits, PointToPoint
 from cspr_control.reference.smooth import SmoothTrajectory
 from cspr_control.reference.strokes import VerticalStrokes
-from cspr_control.reference.trajectory import Hold, Trajectory, require_inside_workspace
-from cspr_kinematics import Pose, Robot, way_outside
+from cspr_control.reference.trajectory import Hold, Trajectory
+from cspr_kinematics import Pose, Robot, turned_outside, way_outside
 from cspr_msgs_py.parameters.table import defaults
 from cspr_msgs_py.vocabulary import TrajectoryName
 
@@ -66,33 +67,34 @@ _SMOOTH = {
 def make_trajectory(
     name: TrajectoryName, robot: Robot, present: Pose, settings: TrajectorySettings
 ) -> Trajectory:
-    """Build a trajectory and check that it stays inside the robot's workspace.
+    """Build a trajectory, and check that the robot can follow it and the approach to it.
 
     Parameters
     ----------
     name
         Which one, whatever the next start plays by the settings.
     robot
-        Gives the centre of the paper's trajectories and the workspace.
+        Gives the centre of the paper's trajectories, and what is possible.
     present
-        Pose at which ``hold`` stays and from which ``move`` starts.
+        Pose at which ``hold`` stays, from which ``move`` starts, and the approach to all others.
     settings
         The rest.
 
     Raises
     ------
-    TrajectoryError
-        If the settings do not fit, or the trajectory leaves the workspace. From outside, ``move`` leads back, slowly:
-        it may go no further out along any axis.
+    TrajectoryError, cspr_kinematics.CableReachError
+        If the settings do not fit, or the robot cannot do it: see `require_possible`. From outside of workspace or
+        orientation bounds, or from where cables are too close, ``move`` leads back, slowly: it may go no further out.
     """
     trajectory: Trajectory
     if name is TrajectoryName.HOLD:
         return Hold(present, settings.hold_duration)
     if name is TrajectoryName.MOVE:
-        outside = bool(way_outside(present.position, robot.workspace_min, robot.workspace_max).any())
-        limits = settings.limits.slowed(INWARD_SPEED) if outside else settings.limits
+        outside = way_outside(present.position, robot.workspace_min, robot.workspace_max).any()
+        turned = turned_outside(present.euler, *robot.orientation_bounds).any()
+        limits = settings.limits.slowed(INWARD_SPEED) if outside or turned else settings.limits
         trajectory = PointToPoint(present, settings.goal, limits)
-        require_inside_workspace(trajectory, robot, inward=outside)
+        require_possible(trajectory, robot, inward=True)
         return trajectory
     if name is TrajectoryName.STROKES_Z:
         trajectory = VerticalStrokes(robot.trajectory_center)
@@ -102,5 +104,7 @@ def make_trajectory(
         trajectory = _PRINTED[name](robot.trajectory_center)
     else:
         raise TrajectoryError(f"{name.value} is not in {__name__}, which makes the trajectories")
-    require_inside_workspace(trajectory, robot)
+    approach = PointToPoint(present, trajectory.sample(0.0).pose, settings.limits, APPROACH)
+    for each in (approach, trajectory):
+        require_possible(each, robot)
     return trajectory

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.reference.quintic import quintic
+from cspr_control.reference.quintic import Reals, quintic, within
 from cspr_kinematics import Motion, motion_from_euler
 from cspr_msgs_py.vocabulary import TrajectoryName
 
@@ -67,14 +67,19 @@ class PaperTrajectory:
         self._center = np.array(center, dtype=float)
         self._tilt = tilt
 
-    def sample(self, time: float) -> Motion:
+    def sample(self, time: Reals) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
-        time = min(max(time, 0.0), self.duration)
+        time = within(time, 0.0, self.duration)
         pace = self._pace
-        position, velocity, acceleration = np.array(equation_18(pace * time)) * _MILLIMETRE
+        if isinstance(time, np.ndarray):
+            values = np.array([equation_18(t) for t in (pace * time).tolist()]).swapaxes(0, 1)
+        else:
+            values = np.array(equation_18(pace * time))
+        position, velocity, acceleration = values * _MILLIMETRE
         part = time / self.switch_time
-        tilt = self._tilt * np.subtract(quintic(part), quintic(part - 1.0)) / self.switch_time ** np.arange(3)
-        turning = tilt[:, None] * (0.0, 1.0, 1.0)  # and its two derivatives
+        tilt = self._tilt * np.subtract(quintic(part), quintic(part - 1.0))
+        tilt = (tilt.T / self.switch_time ** np.arange(3)).T
+        turning = tilt[..., None] * (0.0, 1.0, 1.0)  # and its two derivatives
         return motion_from_euler(self._center + position, pace * velocity, pace**2 * acceleration, *turning)
 
 

@@ -6,7 +6,7 @@ import math
 
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.path_time import slowing_to_rest
-from cspr_control.reference.point_to_point import MotionLimits, PointToPoint
+from cspr_control.reference.point_to_point import APPROACH, MotionLimits, PointToPoint
 from cspr_control.reference.trajectory import Trajectory
 from cspr_kinematics import Motion, Pose
 from cspr_msgs_py.vocabulary import UNDER_WAY, TrajectoryPhase
@@ -82,7 +82,7 @@ class TrajectoryPlayer:
         if not self.phase.at_rest:
             raise TrajectoryError(f"{self.trajectory_name} is under way ({self.phase.value}); stop it first")
         begin = trajectory.sample(0.0).pose
-        approach = PointToPoint(self.held_pose, begin, self.limits, "approach")
+        approach = PointToPoint(self.held_pose, begin, self.limits, APPROACH)
         if not math.isfinite(approach.duration + trajectory.duration):
             raise TrajectoryError(f"{trajectory.name} is out of reach of {self.held_pose.position} m")
         self._followed, self._followed_since, self._next = approach, self._time, trajectory

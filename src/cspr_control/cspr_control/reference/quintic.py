@@ -7,6 +7,10 @@ both ends, so motions joined there have a continuous acceleration.
 from __future__ import annotations
 
 import math
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 PEAK_SPEED = 15.0 / 8.0
 """Largest s', at x = 1/2."""
@@ -14,12 +18,20 @@ PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
 """Largest \\|s''\\|, at x = (1 -+ 1/sqrt(3)) / 2."""
 
 
-def quintic(x: float) -> tuple[float, float, float]:
+Reals = TypeVar("Reals", float, NDArray[np.float64])
+"""One number, as in every control cycle, or an array of them."""
+
+
+def within(x: Reals, low: float, high: float) -> Reals:
+    """Return each number, or the nearer end of [low, high] where it lies outside."""
+    if isinstance(x, np.ndarray):
+        return np.clip(x, low, high)
+    return min(max(x, low), high)
+
+
+def quintic(x: Reals) -> tuple[Reals, Reals, Reals]:
     """Value, first and second derivative of the quintic; x outside [0, 1] counts as the nearer end."""
-    if x <= 0.0:
-        return 0.0, 0.0, 0.0
-    if x >= 1.0:
-        return 1.0, 0.0, 0.0
+    x = within(x, 0.0, 1.0)
     value = x**3 * (10.0 + x * (-15.0 + 6.0 * x))
     first = 30.0 * x**2 * (1.0 - x) ** 2
     second = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cspr_control.errors import TrajectoryError
 from cspr_control.reference.paper import PaperTrajectory
-from cspr_control.reference.path_time import rest_to_rest
+from cspr_control.reference.path_time import PathTime, rest_to_rest
+from cspr_control.reference.quintic import Reals
 from cspr_kinematics import Motion
 
 
@@ -42,12 +45,18 @@ class SmoothTrajectory:
         self._path = path
         self._blend_time = blend_time
 
-    def sample(self, time: float) -> Motion:
+    def sample(self, time: Reals) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
+        if isinstance(time, np.ndarray):
+            value, rate, acceleration = np.array([self._path_time(t) for t in time.tolist()]).T
+        else:
+            value, rate, acceleration = self._path_time(time)
+        return self._path.sample(value).scaled_in_time(rate, acceleration)
+
+    def _path_time(self, time: float) -> PathTime:
         if time <= self.switch_time:
             begin, end, elapsed = 0.0, self._path.switch_time, time
         else:
             begin, end, elapsed = self._path.switch_time, self._path.duration, time - self.switch_time
         path_time = rest_to_rest(elapsed, end - begin, self._blend_time)
-        point = self._path.sample(begin + path_time.value)
-        return point.scaled_in_time(path_time.rate, path_time.acceleration)
+        return path_time._replace(value=begin + path_time.value)

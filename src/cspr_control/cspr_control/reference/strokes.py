@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cspr_control.reference.quintic import quintic, quintic_duration
+from cspr_control.reference.quintic import Reals, quintic, quintic_duration, within
 from cspr_kinematics import Acceleration, Motion, Pose, Twist
 from cspr_msgs_py.vocabulary import TrajectoryName
 
@@ -34,16 +34,23 @@ class VerticalStrokes:
         self._stroke = quintic_duration(LENGTH, np.inf, ACCELERATION)
         self.duration = STROKES * self._stroke
 
-    def sample(self, time: float) -> Motion:
+    def sample(self, time: Reals) -> Motion:
         """Return the reference at ``time``, s; times outside [0, duration] count as the nearer end."""
-        time = min(max(time, 0.0), self.duration)
+        if isinstance(time, np.ndarray):
+            height, rate, acceleration = np.array([self._stroke_at(t) for t in time.tolist()]).T
+        else:
+            height, rate, acceleration = self._stroke_at(time)
+        times = np.multiply.outer
+        return Motion(
+            Pose(self._center + times(height, _UP), np.eye(3)),
+            Twist(times(rate, _UP), np.zeros(3)),
+            Acceleration(times(acceleration, _UP), np.zeros(3)),
+        )
+
+    def _stroke_at(self, time: float) -> tuple[float, float, float]:
+        """Return height above the centre, m, speed and acceleration upwards."""
+        time = within(time, 0.0, self.duration)
         number = min(int(time / self._stroke), STROKES - 1)
         value, first, second = quintic(time / self._stroke - number)
-        along = (LENGTH if number % 2 == 0 else -LENGTH) * _UP
-        from_middle = (value - 0.5) * along
-        rate, acceleration = first / self._stroke, second / self._stroke**2
-        return Motion(
-            Pose(self._center + from_middle, np.eye(3)),
-            Twist(rate * along, np.zeros(3)),
-            Acceleration(acceleration * along, np.zeros(3)),
-        )
+        along = LENGTH if number % 2 == 0 else -LENGTH
+        return (value - 0.5) * along, first / self._stroke * along, second / self._stroke**2 * along

@@ -6,14 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from cspr_control.errors import TrajectoryError
-from cspr_kinematics import Motion, Pose, Robot, way_outside
+from cspr_control.reference.quintic import Reals
+from cspr_kinematics import Acceleration, Motion, Pose, Twist
 from cspr_msgs_py.vocabulary import TrajectoryName
-
-_ROUNDING = 1e-9  # m
-
-WORKSPACE_CHECK_POINTS = 41
-"""Number of points, equally spaced in time, at which a trajectory is compared with the workspace."""
 
 
 class Trajectory(Protocol):
@@ -27,8 +22,11 @@ class Trajectory(Protocol):
     def duration(self) -> float:
         """Length in time, s."""
 
-    def sample(self, time: float) -> Motion:
-        """Return the reference at ``time`` since the start, s; outside [0, duration] at the nearer end."""
+    def sample(self, time: Reals) -> Motion:
+        """Return the reference at ``time`` since the start, s; outside [0, duration] at the nearer end.
+
+        At an array of times (n,), a batch of n.
+        """
 
 
 class Hold:
@@ -48,36 +46,10 @@ class Hold:
         self.duration = duration
         self._point = Motion.at_rest(pose)
 
-    def sample(self, time: float) -> Motion:
+    def sample(self, time: Reals) -> Motion:
         """Return the pose, at rest, at any time."""
-        return self._point
-
-
-def require_inside_workspace(trajectory: Trajectory, robot: Robot, *, inward: bool = False) -> None:
-    """Refuse a trajectory that leaves the robot's workspace.
-
-    Parameters
-    ----------
-    trajectory, robot
-        The two.
-    inward
-        Whether it may begin outside, as long as it goes no further out along any axis.
-
-    Raises
-    ------
-    TrajectoryError
-        If one of `WORKSPACE_CHECK_POINTS` points of the trajectory lies outside.
-    """
-    box = robot.workspace_min, robot.workspace_max
-    allowed = way_outside(trajectory.sample(0.0).pose.position, *box) if inward else np.zeros(3)
-    for time in np.linspace(0.0, trajectory.duration, WORKSPACE_CHECK_POINTS):
-        position = trajectory.sample(float(time)).pose.position
-        if not (way_outside(position, *box) <= allowed + _ROUNDING).all():
-            raise TrajectoryError(
-                f"{trajectory.name}: at {time:.2f} s the platform would be at {_metres(position)}, outside "
-                f"{robot.name}'s workspace {_metres(robot.workspace_min)} to {_metres(robot.workspace_max)}"
-            )
-
-
-def _metres(position: np.typing.NDArray[np.float64]) -> str:
-    return "(" + ", ".join(f"{coordinate:z.3f}" for coordinate in position) + ") m"
+        if not isinstance(time, np.ndarray):
+            return self._point
+        pose, still = self._point.pose, np.zeros((len(time), 3))
+        position = np.tile(pose.position, (len(time), 1))
+        return Motion(Pose(position, pose.rotation), Twist(still, still), Acceleration(still, still))

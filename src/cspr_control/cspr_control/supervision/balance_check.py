@@ -22,12 +22,14 @@ FloatArray = NDArray[np.float64]
 
 _g = -float(GRAVITY[2])  # m/s^2
 _MEAN_TIME = 0.1  # s, of the averaging
-_SWINGING = 2.0  # s within which a load that swings leaves nothing sideways once: half a period of 4 m of rope
+_SWINGING = (
+    2.0  # s within which a load that swings leaves nothing sideways once: half a period of 4 m of rope
+)
 _CELL_OFFSET = 1.0  # N; standard deviation of what taring leaves
 _DEVIATIONS = 3.0  # standard deviations that are tolerated
 _SPARE = {0: "force along x", 1: "force along y", 5: "moment about z"}
 SUSPECTS = (
-    "load cells (can.yaml) or exit or anchor points (robot.yaml) that are interchanged or wrong, another home pose"
+    "load cells (can.yaml) or exit or anchor points (robot.yaml) interchanged or wrong, another home pose"
 )
 """What may be wrong where the spare equations do not hold, in words."""
 
@@ -139,7 +141,9 @@ class BalanceCheck:
         lowest, highest = self.settings.load_range()
         weight = self._mean[2]
         beyond = np.abs(self._mean) - self._tolerance
-        allowed = self._tolerance[2] + self.settings.weight_accuracy * (self._robot.platform.mass * _g + weight)
+        allowed = self._tolerance[2] + self.settings.weight_accuracy * (
+            self._robot.platform.mass * _g + weight
+        )
         beyond[2] = max(lowest * _g - weight, weight - highest * _g) - allowed
         beyond[3:5] -= self._reach * max(weight, 0.0) + self._tolerance[2] * self._reach
         return beyond
@@ -159,7 +163,7 @@ class BalanceCheck:
         mean, limit = self._mean, self._tolerance
         if 2 in late:
             return self._wrong_weight()
-        worst = max((k for k in late), key=lambda k: abs(mean[k]) / limit[k])
+        worst = max(late.tolist(), key=lambda k: float(abs(mean[k]) / limit[k]))
         if worst in _SPARE:
             unit = "N" if worst < 3 else "N m"
             return (

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from cspr_control.estimation.stuck import StuckReadings
 from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.debounce import Debounce
-from cspr_kinematics import way_outside
+from cspr_control.supervision.slack_cables import slack_problem
+from cspr_kinematics import Robot, way_outside
 from cspr_msgs_py.topics import graph_topics
 from cspr_msgs_py.wire.joint_state import JointStateSample
 
@@ -232,6 +233,19 @@ class SupervisionChecks:
         self._stuck.observe(time, tensions)
         self._tensions = tensions
 
+    def slack_problem(self, robot: Robot, behind: NDArray[np.float64]) -> str:
+        """Return which slack cable has to be wound in, see `slack_cables.slack_problem`."""
+        # without a pose set-points stay where they were, and tell what has turned since
+        behind = behind + self.following_errors()
+        allowed = self._limits.starting_error
+        return slack_problem(robot, self._measured.position, self._tensions, behind, allowed)
+
+    def lengths_unclear(self, time: float) -> bool:
+        """Return whether there is no recent pose, or motors are away from where they should be at rest."""
+        source = MonitoredInput.PLATFORM_POSE
+        stale = not self.age(source, time) <= self._limits.max_ages[source]
+        return stale or not bool((np.abs(self.following_errors()) <= self._limits.starting_error).all())
+
     @property
     def stamp_ns(self) -> int:
         """Stamp of the newest motor states, ns; 0 before the first."""
@@ -391,7 +405,7 @@ class SupervisionChecks:
         if not abs(errors[worst]) <= limits.starting_error:
             return (
                 f"motor_{worst + 1} is {errors[worst]:z.2f} rad away from its set-point, "
-                f"limit {limits.starting_error:g} rad: wind the cables so that all of them are taut"
+                f"limit {limits.starting_error:g} rad: the lengths of the cables fit no pose"
             )
         over = np.where(np.isfinite(self._tensions), self._tensions - self._tension_max, np.inf)
         highest = int(over.argmax())

@@ -88,7 +88,7 @@ class HoldingCheck:
         cause = (
             "gear_ratio or drum_radius (robot.yaml), polarity, rated_torque or scale of the load cells (can.yaml)"
             if all_alike
-            else f"rated_torque of motor_{k + 1} or scale of its load cell (can.yaml), drives or cells that are interchanged"
+            else f"rated_torque of motor_{k + 1} or scale of its load cell (can.yaml), drives or cells interchanged"
         )
         return (
             f"motor_{k + 1} holds {told[k]:z.0f} N by its torque, cable_{k + 1} carries {measured[k]:z.0f} N, allowed "

@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from cspr_control.supervision.checks import (
     Fault,
     FaultKind,
@@ -18,6 +20,8 @@ from cspr_control.supervision.checks import (
     SupervisionLimits,
 )
 from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
+
+_MOVING = (DriverState.WINDING, DriverState.ENABLING, DriverState.ENABLED, DriverState.STOPPING)
 
 _INSISTENCE = 0.2
 """Time after which a quick stop that has not worked is repeated, s."""
@@ -80,6 +84,10 @@ class Supervisor:
         Why the tensions fit no load, while the brakes are closed; likewise.
     torque_problem
         Why the torque of a motor does not fit the tension of its cable; likewise.
+    slack_problem
+        Which slack cable has to be wound in before lengths can fit again; likewise.
+    behind
+        How far the motors were from their set-points when the robot was last stopped by a fault (m,), rad.
     """
 
     def __init__(self, count: int, limits: SupervisionLimits) -> None:
@@ -98,6 +106,8 @@ class Supervisor:
         self.recording_problem = ""
         self.load_cell_problem = self.load_cell_doubt = self.length_problem = self.publisher_problem = ""
         self.balance_problem = self.torque_problem = ""
+        self.slack_problem = ""
+        self.behind = np.zeros(count)
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
 
@@ -107,6 +117,10 @@ class Supervisor:
             latched = f" by {self.fault}; reset it first" if self.fault else ""
             return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
         obstacle = self.checks.obstacle(time)
+        if self.slack_problem and (self.length_problem or self.checks.lengths_unclear(time)):
+            obstacle = self.slack_problem
+        if self._drives is DriverState.WINDING:
+            obstacle = self._drives_are()
         if obstacle is None and self.publisher_problem:
             obstacle = str(Fault(FaultKind.PUBLISHERS, self.publisher_problem))
         if obstacle is None and (problem := self.load_cell_problem or self.load_cell_doubt):
@@ -122,6 +136,7 @@ class Supervisor:
         if obstacle is not None:
             return Decision(False, f"refused: {obstacle}")
         self.remark = ""
+        self.behind = np.zeros_like(self.behind)
         self.recording_problem = ""  # an operator who enables without a recording does not want one
         self.checks.clear()
         self._enter(RobotState.ENABLING, time)
@@ -139,13 +154,16 @@ class Supervisor:
             return Decision(True, "closing the brakes")
         if self.state is RobotState.STOPPING:
             return Decision(True, "stopping already")
+        if self._drives is DriverState.WINDING:
+            self._actions.append(Action.DISABLE_DRIVES)
+            return Decision(True, f"closing the brake: {self._drives_cause}")
         return Decision(True, f"nothing to stop: the robot is in state {self.state.value}")
 
     def reset(self, time: float) -> Decision:
         """Operator's command to forget the fault; the robot is disabled once the drives have none either."""
         if self.state is not RobotState.FAULT:
             return Decision(False, f"refused: no fault is latched, the robot is in state {self.state.value}")
-        if self._drives in (DriverState.ENABLING, DriverState.ENABLED, DriverState.STOPPING):
+        if self._drives in _MOVING:
             return Decision(False, f"refused: the drives are in state {self._drives.value}, not yet stopped")
         self._resetting = True
         self._since = time
@@ -232,9 +250,15 @@ class Supervisor:
     def _stop_for(self, fault: Fault, time: float) -> None:
         """Come to rest along the path, close the brakes, and latch the fault."""
         self.recording_problem = ""
+        self._remember_errors()
         self.fault = self.fault or fault
         if self.state is RobotState.ENABLED:
             self._stop_along_path(time)
+
+    def _remember_errors(self) -> None:
+        """Keep what tells whose motor was to blame, before set-points follow the measured pose again."""
+        if self.fault is None:
+            self.behind = self.checks.following_errors()
 
     def _stop_along_path(self, time: float) -> None:
         self._enter(RobotState.STOPPING, time)
@@ -279,6 +303,7 @@ class Supervisor:
         # A stop along the path that fails on the way keeps the cause that it began with, and names the second one too:
         # on a dead bus the load cells may be missed a moment before the drives are.
         first = self.fault
+        self._remember_errors()
         self.fault = Fault(first.kind, f"{first.detail}; then {fault}") if first else fault
         self._enter(RobotState.FAULT, time)
         self._quick_stop_time = time

@@ -85,6 +85,25 @@ class TorqueCheck:
     time: NotNegative
 
 
+@dataclass(frozen=True)
+class WindingLimits:
+    """How a single winch is wound, at the operator's command, until its cable is taut.
+
+    Attributes
+    ----------
+    speed
+        Of the motor, rad/s.
+    torque
+        Largest torque at the motor shaft with which it is wound in, or pushed out, N m.
+    tension
+        Of its cable, N: up to here it is wound in, and down to here a tighter one is paid out at once.
+    """
+
+    speed: Positive = 20.0
+    torque: Positive = 0.5
+    tension: Positive = 200.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class CanValues:
     """What is used as it stands in the file.
@@ -115,6 +134,8 @@ class CanValues:
         When a load cell counts as stuck.
     torque_check
         When a drive counts as one that does not apply its torque.
+    winding
+        How a single winch is wound.
     timeouts
         Limits in time.
     allowed_drop
@@ -132,6 +153,7 @@ class CanValues:
     option_codes: OptionCodes
     load_cell_checks: LoadCellChecks
     torque_check: TorqueCheck
+    winding: WindingLimits = WindingLimits()
     timeouts: Timeouts
     allowed_drop: Annotated[float, Meta(gt=0.0, le=1.0)] = ALLOWED_DROP
 

@@ -24,6 +24,7 @@ from cspr_drivers.drives.motor_feedback import MotorFeedback
 from cspr_drivers.drives.report import MotorStates
 from cspr_drivers.drives.torque_frames import CommandFault, Frame, TorqueFrame, command_fault
 from cspr_drivers.drives.torque_watch import TorqueWatch
+from cspr_drivers.drives.winding import Direction, Winding, winding_refusal
 from cspr_msgs_py.vocabulary import DriverState
 
 _SAME_HOME = 1.0  # rad at the motor shaft: one and the same pose, within backlash and noise
@@ -56,6 +57,8 @@ class DriveCycle:
         SYNC frames left out since the drives were last enabled.
     defect
         Why this driver cannot be used until it is started again, in words; empty otherwise.
+    last_winding
+        What came of the last winding of a single winch, in words; empty before the first.
     """
 
     def __init__(self, config: CanConfig) -> None:
@@ -80,6 +83,9 @@ class DriveCycle:
         self._sync_stamp = 0
         self._published_stamp = 0
         self._home_told = (0.0,) * count, -math.inf  # the pose that was refused as home, and when
+        self._tensions: tuple[Sequence[float], float] = (), -math.inf  # of the cables, N, and when they came
+        self._winding: tuple[int, Winding] | None = None  # a winch that is wound alone
+        self.last_winding = ""
 
     # Once a cycle.
 
@@ -114,12 +120,13 @@ class DriveCycle:
         self.group.step(now)
         if self._feedback.disbelieved and self.group.state is not DriverState.FAULT:
             self._feedback.begin_anew()  # the operator has reset the fault
+        self._wind(now)
         deadline = now + self.config.period
         known = [drive.state is not None for drive in self.group.drives]
         for index, (rpdo, word) in enumerate(zip(self._rpdos, self.group.control_words, strict=True)):
             # at rest too, or drives that watch for it would miss it
             due = deadline - rpdo.deadline >= _ALIVE * self.config.timeouts.rpdo
-            repeat = not rpdo.sent and (due or not self.group.settled(index))
+            repeat = not rpdo.sent and (due or not self.group.settled(index) or self._winds(index))
             if known[index] and (repeat or word != rpdo.control_word):
                 frames.append(rpdo.make(word, deadline))
             rpdo.sent = False
@@ -250,6 +257,8 @@ class DriveCycle:
         self.group.commanded(index, now)
         if self.group.state is DriverState.FAULT:
             return []  # the torque stays what it was when the fault came, until the brakes hold
+        if self._winds(index):
+            return []  # the winch has its torque from `_wind`
         rpdo.torque = units.per_mille(torque)
         self._torque_watch.told(index, torque)
         deadline = self._sync_time + self.config.period
@@ -292,6 +301,55 @@ class DriveCycle:
         """Begin to close the brakes, of all drives or of one, and to take the torque away."""
         self.group.disable(now, index)
         return self._changed(now)
+
+    def tensions(self, now: float, tensions: Sequence[float]) -> None:
+        """Note the tensions of the cables (m,), N, up to which a single winch is wound."""
+        self._tensions = tensions, now
+
+    def wind(self, now: float, index: int, direction: Direction) -> str | None:
+        """Begin to wind a single winch for a moment; return why not, and what to do, when that is refused."""
+        tensions, limits, drive = self._known_tensions(now), self.config.winding, self.config.drives[index]
+        if self.group.state is DriverState.DISABLED and (
+            refusal := winding_refusal(index, direction, tensions, limits)
+        ):
+            return refusal
+        limit = drive.units.torque_limit
+        cable = self.config.load_cells[index].name
+        winding = Winding(drive.name, cable, direction, limits, limit, tensions[index] if tensions else 0.0)
+        refusal = self.group.wind(now, index, winding.doing)
+        if refusal is None:
+            self._winding = index, winding
+            self._rpdos[index].torque = 0
+            self._torque_watch.told(index, 0.0)
+        return refusal
+
+    def _winds(self, index: int) -> bool:
+        return self._winding is not None and self._winding[0] == index
+
+    def _wind(self, now: float) -> None:
+        """Give a winch that is wound its torque, until it is over and the brake has closed."""
+        if self._winding is None:
+            return
+        index, winding = self._winding
+        if self.group.state is not DriverState.WINDING:
+            self._winding = None
+            ended = winding.end or "it was stopped"
+            self.last_winding = f"{winding.doing}: by {winding.moved:+.2f} rad, {ended}"
+            return
+        self.group.commanded(index, now)
+        if self.group.operates(index):
+            tensions = self._known_tensions(now)
+            angle, speed = self._feedback.angles[index], self._feedback.speeds[index]
+            torque = winding.torque(now, angle, speed, tensions[index] if tensions else None)
+            self._rpdos[index].torque = self.config.drives[index].units.per_mille(torque)
+            self._torque_watch.told(index, torque)
+            if winding.end:
+                self.group.disable(now)
+
+    def _known_tensions(self, now: float) -> Sequence[float]:
+        tensions, time = self._tensions
+        fresh = now - time <= self.config.timeouts.feedback and len(tensions) == len(self.facts)
+        return tensions if fresh else ()
 
     def quick_stop(self, now: float, cause: str) -> list[Frame]:
         """Stop all drives at once and latch the cause."""

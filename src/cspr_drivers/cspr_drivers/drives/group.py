@@ -18,7 +18,7 @@ from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.transition_watch import TransitionWatch
 from cspr_msgs_py.vocabulary import DriverState
 
-IN_MOTION = frozenset({DriverState.ENABLING, DriverState.ENABLED, DriverState.STOPPING})
+IN_MOTION = frozenset({DriverState.WINDING, DriverState.ENABLING, DriverState.ENABLED, DriverState.STOPPING})
 
 _SETTLED: dict[Target, frozenset[State]] = {
     Target.AT_REST: frozenset({State.SWITCH_ON_DISABLED, State.FAULT}),
@@ -150,6 +150,29 @@ class DriveGroup:
         self._enter(DriverState.ENABLING, "", time)
         return None
 
+    def wind(self, time: float, index: int, doing: str) -> str | None:
+        """Begin to release the brake of a winch that is wound alone, all others braked; return why not when refused.
+
+        Parameters
+        ----------
+        time
+            s.
+        index
+            Of the drive. It is wound until it is disabled.
+        doing
+            What happens, in words: the cause on topics meanwhile.
+        """
+        if self.state is DriverState.FAULT:
+            return f"a fault is latched: {self.cause}; reset it first"
+        if self.state is DriverState.WINDING:
+            return f"{self.cause}: one winch at a time, call again when that is over"
+        if self.state is not DriverState.DISABLED:
+            return self.cause or f"the drives are {self.state.value}: disable them first"
+        self._members = frozenset({index})
+        self._releasing = True
+        self._enter(DriverState.WINDING, doing, time)
+        return None
+
     def disable_refusal(self, index: int | None) -> str | None:
         """Return why one drive may not be disabled: of all that carry the platform, none may let go alone."""
         if index is None or self.state is not DriverState.ENABLED or self._members != self._everyone:
@@ -160,7 +183,7 @@ class DriveGroup:
 
     def disable(self, time: float, index: int | None = None) -> None:
         """Begin to close the brakes, of all drives or of one. Has no effect unless in motion."""
-        if self.state not in (DriverState.ENABLING, DriverState.ENABLED):
+        if self.state not in (DriverState.WINDING, DriverState.ENABLING, DriverState.ENABLED):
             return
         remaining = frozenset() if index is None else self._members - {index}
         if remaining and self.state is DriverState.ENABLED:
@@ -168,7 +191,11 @@ class DriveGroup:
             self._aim()
         elif index is None or index in self._members:
             self._members = self._running = frozenset()
-            self._enter(DriverState.STOPPING, "", time)
+            if self.state is DriverState.WINDING:
+                self._since = time  # it is over when the brake has closed
+                self._aim()
+            else:
+                self._enter(DriverState.STOPPING, "", time)
 
     def quick_stop(self, cause: str, time: float) -> None:
         """Stop all drives at once and latch the cause. The first cause stays."""
@@ -216,7 +243,9 @@ class DriveGroup:
             self.quick_stop(cause, time)
         elif self.state is DriverState.ENABLING:
             self._release(time)
-        elif self.state is DriverState.STOPPING:
+        elif self.state is DriverState.WINDING and self._members:
+            self._release_winch(time)
+        elif self.state in (DriverState.STOPPING, DriverState.WINDING):
             self._close(time)
         self._aim()
         if self.state is not DriverState.ENABLED or self._members != self._everyone:
@@ -239,7 +268,7 @@ class DriveGroup:
 
     def operates(self, index: int) -> bool:
         """Return whether a drive follows its torque, its brake open."""
-        return self.state is DriverState.ENABLED and index in self._running
+        return self.state in (DriverState.ENABLED, DriverState.WINDING) and index in self._running
 
     def settled(self, index: int) -> bool:
         """Return whether a drive is where it should be, so that its control word need not be repeated."""
@@ -361,12 +390,25 @@ class DriveGroup:
         members = [self._drives[index] for index in sorted(self._members)]
         if not self._releasing:
             self._releasing = all(drive.state in powered for drive in members)
-        late = [drive.describe() for drive in members if not drive.in_operation]
+        if self._released(time):
+            self._enter(DriverState.ENABLED, "", time)
+
+    def _release_winch(self, time: float) -> None:
+        if not self._running:
+            self._released(time)
+
+    def _released(self, time: float) -> bool:
+        """Return whether all that are to be in operation are; too late is a fault."""
+        late = [
+            drive.describe()
+            for drive in (self._drives[index] for index in sorted(self._members))
+            if not drive.in_operation
+        ]
         if not late:
             self._running = self._members
-            self._enter(DriverState.ENABLED, "", time)
         elif time - self._since > self._timeouts.enable:
             self.quick_stop(f"not enabled within {self._timeouts.enable:g} s: {'; '.join(late)}", time)
+        return not late
 
     def _close(self, time: float) -> None:
         late = [d for d in self._drives if d.brake_open or d.state is not State.SWITCH_ON_DISABLED]

@@ -9,7 +9,7 @@ overtakes one that was made before it.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from cspr_drivers.bus.can_bus import CanPort, CyclicFrame, FrameHandler
@@ -25,6 +25,7 @@ from cspr_drivers.drives.home_position import store_home
 from cspr_drivers.drives.report import DriveReport, MotorStates
 from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.torque_frames import Frame
+from cspr_drivers.drives.winding import Direction
 from cspr_drivers.errors import ConfigurationError, DeviceError
 from cspr_msgs_py.vocabulary import DriverState
 
@@ -161,6 +162,16 @@ class DriveMaster:
                 self.cycle_clock.clear()
             return refusal
 
+    def tensions(self, tensions: Sequence[float]) -> None:
+        """Note the tensions of the cables (m,), N; see `DriveCycle.tensions`."""
+        with self._lock:
+            self._cycle.tensions(self._clock.monotonic(), tensions)
+
+    def wind(self, index: int, direction: Direction) -> str | None:
+        """Begin to wind a single winch for a moment; return why not, and what to do, when that is refused."""
+        with self._storing, self._lock:
+            return self._cycle.wind(self._clock.monotonic(), index, direction)
+
     def disable(self, index: int | None = None) -> str | None:
         """Begin to close the brakes, of all drives or of one, and to take the torque away; return why not."""
         with self._lock:
@@ -230,6 +241,7 @@ class DriveMaster:
                 self.cycle_clock.worst_lateness,
                 self.cycle_clock.running,
                 self._clock.time_of_day_set_by(),
+                cycle.last_winding,
             )
 
     def _at_rest(self) -> bool:

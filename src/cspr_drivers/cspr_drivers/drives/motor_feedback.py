@@ -64,8 +64,8 @@ class MotorFeedback:
     ----------
     frames
         Number of frames in which each drive answers a SYNC.
-    angles, torques
-        Newest motor angles that are believed, rad, and torques, N m (m,).
+    angles, speeds, torques
+        Newest motor angles that are believed, rad, speeds, rad/s, and torques, N m (m,).
     """
 
     def __init__(self, config: CanConfig) -> None:
@@ -74,7 +74,7 @@ class MotorFeedback:
         self.frames = 1 if config.pdo.drive_tpdo_2 is None else 2
         self._difference = PositionDifference(config.velocity_filter) if self.frames == 1 else None
         self.angles = [0.0] * len(config.drives)
-        self._speeds = [0.0] * len(config.drives)
+        self.speeds = [0.0] * len(config.drives)
         self.torques = [0.0] * len(config.drives)
 
     def measured(self, index: int, position: int, torque: int, time: float) -> str:
@@ -99,7 +99,7 @@ class MotorFeedback:
 
     def moves(self, index: int, velocity: float) -> str:
         """Store the velocity of a drive, rad/s, with the sign of its encoder; return why it cannot be, or nothing."""
-        self._speeds[index] = speed = self._drives[index].units.polarity * velocity
+        self.speeds[index] = speed = self._drives[index].units.polarity * velocity
         return self._watch.speed_problem(index, speed)
 
     @property
@@ -118,10 +118,12 @@ class MotorFeedback:
         if self._watch.disbelieved:
             return None
         angles = tuple(self.angles)
-        speeds = self._speeds if self._difference is None else self._difference.update(time, angles)
-        if speeds is None:
-            return None  # the first cycle has no speed yet
-        return MotorStates(stamp_ns, angles, tuple(speeds), tuple(self.torques))
+        if self._difference is not None:
+            speeds = self._difference.update(time, angles)
+            if speeds is None:
+                return None  # the first cycle has no speed yet
+            self.speeds = speeds
+        return MotorStates(stamp_ns, angles, tuple(self.speeds), tuple(self.torques))
 
     def use(self, config: CanConfig) -> None:
         """Use the units of another configuration; the next angles have nothing to do with those before."""

@@ -48,6 +48,8 @@ class DriveReport:
         Whether SYNC frames are being sent.
     time_set_by
         How far somebody has set the computer's time of day since the process began, s.
+    last_winding
+        What came of the last winding of a single winch, in words.
     """
 
     state: DriverState
@@ -66,3 +68,4 @@ class DriveReport:
     worst_lateness: float
     clock_running: bool
     time_set_by: float
+    last_winding: str

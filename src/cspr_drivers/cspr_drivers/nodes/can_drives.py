@@ -10,13 +10,21 @@ from cspr_drivers.bus.can_ports import CanPorts
 from cspr_drivers.driver_messages import drive_diagnostics, drive_states
 from cspr_drivers.drives.master import DriveMaster
 from cspr_drivers.drives.report import MotorStates
+from cspr_drivers.drives.winding import Direction
 from cspr_drivers.nodes.driver_node import SWITCH_INTERVAL, DriverNode
 from cspr_msgs_py.errors import MessageError, failure_text
 from cspr_msgs_py.runtime.parameters import declare_all
 from cspr_msgs_py.runtime.process import advertise, run_nodes, subscribe_raw
-from cspr_msgs_py.topics import DRIVE_STATES, MOTOR_STATES, SUPERVISOR_ALIVE, motor_command, motor_names
+from cspr_msgs_py.topics import (
+    CABLE_TENSIONS,
+    DRIVE_STATES,
+    MOTOR_STATES,
+    SUPERVISOR_ALIVE,
+    motor_command,
+    motor_names,
+)
 from cspr_msgs_py.vocabulary import DriverState
-from cspr_msgs_py.wire.conversion import decode_joint
+from cspr_msgs_py.wire.conversion import decode_joint, decoder
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.samples import Status
 from cspr_msgs_py.wire.topic_codecs import topic_codec
@@ -41,6 +49,9 @@ class CanDrives(DriverNode[DriveMaster]):
         for index, name in enumerate(names):
             codec = JointStateCodec((name,), position=False, velocity=False)
             subscribe_raw(self, motor_command(index + 1), partial(self._command, index, codec))
+        self._decode_tensions = decoder(CABLE_TENSIONS, len(names))
+        subscribe_raw(self, CABLE_TENSIONS, self._heard_tensions)
+        self._wound = ""  # the last winding in the log
         self._time_set_by = 0.0
         self.deaf_to_supervisor = False  # a fault on purpose
         self._sign = topic_codec(SUPERVISOR_ALIVE, len(names)).decode
@@ -49,6 +60,9 @@ class CanDrives(DriverNode[DriveMaster]):
         self.service("~/set_home", self._set_home)
         for index, name in enumerate(names):
             self._offer(f"~/{name}", index, f"quick stop of {name} commanded")
+            for way in Direction:
+                wind = partial(self._wind, index, way)
+                self.service(f"~/{name}/wind_{way.name.lower()}", wind, needs_active=True)
 
     def create_master(self, ports: CanPorts) -> DriveMaster:
         """Return a driver that sends SYNC and configures the drives."""
@@ -86,6 +100,9 @@ class CanDrives(DriverNode[DriveMaster]):
             self.get_logger().info(
                 f"drives {report.state.value}" + (f": {report.cause}" if report.cause else "")
             )
+        if report.last_winding != self._wound:
+            self._wound = report.last_winding
+            self.get_logger().info(report.last_winding)
         return drive_states(report)
 
     def diagnostics(self, master: DriveMaster) -> list[Status]:
@@ -105,6 +122,21 @@ class CanDrives(DriverNode[DriveMaster]):
         self.service(f"{prefix}/disable", lambda master: master.disable(index))
         self.service(f"{prefix}/quick_stop", lambda master: master.quick_stop(quick_stop))
         self.service(f"{prefix}/fault_reset", lambda master: master.fault_reset(index))
+
+    @staticmethod
+    def _wind(index: int, direction: Direction, master: DriveMaster) -> str | None:
+        return master.wind(index, direction)
+
+    def _heard_tensions(self, buffer: bytes) -> None:
+        # wanted for winding alone: in operation they would cost time in every cycle
+        if self._master is None or self._state not in (DriverState.DISABLED, DriverState.WINDING):
+            return
+        try:
+            tensions = self._decode_tensions(buffer).effort.tolist()
+        except MessageError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+        else:
+            self._master.tensions(tensions)
 
     def _set_home(self, master: DriveMaster) -> str | None:
         refusal = master.set_home()

@@ -35,7 +35,7 @@ class Motion(NamedTuple):
         """Return the motion of a platform that stays at `pose`."""
         return cls(pose, Twist.zero(), Acceleration.zero())
 
-    def scaled_in_time(self, rate: float, acceleration: float) -> Motion:
+    def scaled_in_time(self, rate: ArrayLike, acceleration: ArrayLike) -> Motion:
         """Return the motion at the same point of a path when path time sigma(t) runs at another pace.
 
         By the chain rule the velocity is v sigma' and the acceleration a sigma'^2 + v sigma''; it holds for the angular
@@ -43,11 +43,12 @@ class Motion(NamedTuple):
 
         Parameters
         ----------
-        rate : float
+        rate : array_like, shape (...)
             sigma', seconds of path a second; 1 leaves the motion as it is.
-        acceleration : float
+        acceleration : array_like, shape (...)
             sigma'', 1/s.
         """
+        rate, acceleration = np.asarray(rate)[..., None], np.asarray(acceleration)[..., None]
         v = self.twist.vector * rate
         a = self.acceleration.vector * rate**2 + self.twist.vector * acceleration
         return Motion(self.pose, Twist(v[..., :3], v[..., 3:]), Acceleration(a[..., :3], a[..., 3:]))

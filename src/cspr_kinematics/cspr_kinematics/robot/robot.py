@@ -16,6 +16,7 @@ from cspr_kinematics.arrays import (
     checked,
     for_each_cable,
     frozen,
+    non_negative_number,
     positive_number,
     require_one_for_each_cable,
     single,
@@ -28,14 +29,17 @@ from cspr_kinematics.robot.cable_paths import checked_points, home_lengths, path
 from cspr_kinematics.robot.cables import CableProperties
 from cspr_kinematics.robot.pulleys import Pulleys
 from cspr_kinematics.robot.rigid_body import RigidBody
-from cspr_kinematics.robot.robot_description import robot_parts
+from cspr_kinematics.robot.robot_description import CABLE_CLEARANCE, robot_parts
 from cspr_kinematics.robot.winch import Motor, Winch
+from cspr_kinematics.workspace.box import turned_outside
 
 # A winch whose zero is off by more than this was not set up for the home pose, m.
 _HOME_LENGTH_TOLERANCE = 1e-6
 # Of the mean length at home, where nothing is stated. Points of a robot of 5 m surveyed to a millimetre leave less: the
 # zero of the motors at home takes most of a survey error away.
 _LENGTH_UNCERTAINTY = 1e-4
+# rad, either way from home's, where nothing is stated: anchors crossed as on CoGiRo bear no more
+_TURN = 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +79,20 @@ class Robot(ReadOnlyArrays):
     length_uncertainty : float, optional
         Standard uncertainty of a cable's length, as far as this description does not explain it, m: survey errors,
         stretch that is not modelled.
+    orientation_min, orientation_max : numpy.ndarray, shape (3,), optional
+        Bounds of the platform's angles alpha, beta, gamma (eq. 4), rad; both or neither. `orientation_bounds` are
+        those that count.
+    cable_clearance : float
+        Distance that the middle lines of two cables keep from each other, m; a cable keeps half of it from the
+        platform.
 
     Raises
     ------
     InvalidInputError
         If a value is not finite or has another shape; if there are fewer than 6 cables, or not as
-        many anchor points or pulleys as exit points; if limits are not in order, a measured tension is not
-        positive or above its cable's limit, the home pose or the trajectories' centre lies outside the
-        workspace, or the winch's home lengths are not the cable lengths at the home pose.
+        many anchor points or pulleys as exit points; if limits or bounds are not in order, a measured tension is not
+        positive or above its cable's limit, the home pose or the trajectories' centre lies outside its bounds, or
+        the winch's home lengths are not the cable lengths at the home pose.
     """
 
     name: str
@@ -103,6 +113,9 @@ class Robot(ReadOnlyArrays):
     cables: CableProperties = field(default_factory=CableProperties)
     measured_home_tensions: FloatArray | None = None
     length_uncertainty: float | None = None
+    orientation_min: FloatArray | None = None
+    orientation_max: FloatArray | None = None
+    cable_clearance: float = CABLE_CLEARANCE
 
     def __post_init__(self) -> None:
         exits = checked_points("exit_points", self.exit_points)
@@ -119,7 +132,9 @@ class Robot(ReadOnlyArrays):
             self._set_measured_home_tensions(self.measured_home_tensions)
         if self.length_uncertainty is not None:
             self._set(length_uncertainty=positive_number("length_uncertainty", self.length_uncertainty))
+        self._set(cable_clearance=non_negative_number("cable_clearance", self.cable_clearance))
         self._check_workspace()
+        self._check_orientation()
         self._check_home()
 
     @property
@@ -133,6 +148,13 @@ class Robot(ReadOnlyArrays):
         if self.length_uncertainty is not None:
             return self.length_uncertainty
         return _LENGTH_UNCERTAINTY * float(self.winch.home_lengths.mean())
+
+    @cached_property
+    def orientation_bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest alpha, beta, gamma of the platform, (3,) each, rad: as stated, or 0.35 from home's."""
+        if self.orientation_min is None or self.orientation_max is None:
+            return self.home.euler - _TURN, self.home.euler + _TURN
+        return self.orientation_min, self.orientation_max
 
     @cached_property
     def path_geometry(self) -> FloatArray:
@@ -302,6 +324,27 @@ class Robot(ReadOnlyArrays):
         for name, point in (("home", self.home.position), ("trajectory_center", self.trajectory_center)):
             if np.any(point < self.workspace_min) or np.any(point > self.workspace_max):
                 raise InvalidInputError(name, point, "outside workspace_min to workspace_max")
+
+    def _check_orientation(self) -> None:
+        given = {
+            name: getattr(self, name)
+            for name in ("orientation_min", "orientation_max")
+            if getattr(self, name) is not None
+        }
+        if len(given) == 1:
+            raise InvalidInputError(*given.popitem(), "give orientation_min and orientation_max, or neither")
+        self._set(**{name: single(name, value, 3) for name, value in given.items()})
+        low, high = self.orientation_bounds
+        if np.any(low >= high):
+            problem = f"must be below orientation_max = {high.tolist()} in every angle"
+            raise InvalidInputError("orientation_min", low, problem)
+        if given and max(abs(low[1]), abs(high[1])) >= 0.5 * np.pi:
+            worse = "orientation_min" if abs(low[1]) >= abs(high[1]) else "orientation_max"
+            raise InvalidInputError(worse, given[worse], "beta must stay within pi / 2 of level")
+        if turned_outside(self.home.euler, low, high).any():
+            raise InvalidInputError(
+                "home", self.home.euler, "its angles lie outside orientation_min to orientation_max"
+            )
 
     def _check_home(self) -> None:
         lengths = home_lengths(self.exit_points, self.anchor_points, self.home, self.pulleys)

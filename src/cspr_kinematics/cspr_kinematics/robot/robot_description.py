@@ -34,6 +34,8 @@ MassPerMetre = Annotated[float, Meta(ge=0.0, le=1000.0)]
 Moment = Annotated[float, Meta(ge=-1e8, le=1e8)]
 Moments = tuple[Moment, Moment, Moment]
 
+CABLE_CLEARANCE = 0.01  # m, where nothing is stated: a rope of 6 mm, and as much again for errors
+
 
 @dataclass(frozen=True)
 class PlatformEntry:
@@ -130,6 +132,9 @@ class RobotDescription:
     cables: CablesEntry | None = None
     home_tensions: list[Tension] | None = None
     length_uncertainty: Annotated[float, Meta(ge=1e-6, le=1.0)] | None = None
+    orientation_min: tuple[Angle, Angle, Angle] | None = None
+    orientation_max: tuple[Angle, Angle, Angle] | None = None
+    cable_clearance: Annotated[float, Meta(ge=0.0, le=1.0)] = CABLE_CLEARANCE
 
 
 def robot_parts(mapping: object, source: str) -> dict[str, Any]:

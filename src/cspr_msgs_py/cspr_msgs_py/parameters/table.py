@@ -182,8 +182,9 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _MAX_PAYLOAD,
         _live("cell_accuracy", 0.003, "Share of its tension by which a load cell, its pulley included, is off, as a "
               "standard deviation; three are tolerated at enabling", "", 0.0, 1.0),
-        _live("weight_accuracy", 0.02, "Share by which the weight that the cells carry may be off besides", "", 0.0, 1.0),
-        _live("torque_accuracy", 0.05, "Share by which torque and tension of a motor may disagree, besides friction", "",
+        _live("weight_accuracy", 0.02, "Share by which the weight that the cells carry may be off besides", "",
+              0.0, 1.0),
+        _live("torque_accuracy", 0.05, "Share by which a motor's torque and tension may disagree, besides friction", "",
               0.0, 10.0),
         _limit("node_timeout", 3.5, "Silence of a node on /diagnostics after which it counts as ended", "s"),
         _limit("enable_timeout", 5.0, "Time for the drives to become enabled", "s"),
