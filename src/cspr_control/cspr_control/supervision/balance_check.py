@@ -146,7 +146,7 @@ class BalanceCheck:
         )
         beyond[2] = max(lowest * _g - weight, weight - highest * _g) - allowed
         beyond[3:5] -= self._reach * max(weight, 0.0) + self._tolerance[2] * self._reach
-        return beyond
+        return np.asarray(beyond)
 
     @property
     def load(self) -> float:
