@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cspr_control.components.component import Call, Remark
-from cspr_control.components.supervision import SERVICES, SupervisionComponent
+from cspr_control.components.component import Call, Publication, Remark
+from cspr_control.components.supervision import SERVICES, SupervisionComponent, watched_topics
 from cspr_control.parameters.settings import supervision_limits
 from cspr_control.supervision.supervisor import Action
 from cspr_kinematics import Payload, Robot, holding_tensions
@@ -14,27 +14,32 @@ from cspr_msgs_py.topics import (
     DIAGNOSTICS,
     DRIVE_STATES,
     MOTOR_STATES,
+    PAYLOAD,
     PLATFORM_POSE,
     REFERENCE,
+    ROBOT_STATE,
     SETPOINT,
+    SUPERVISOR_ALIVE,
+    motor_command,
 )
 from cspr_msgs_py.vocabulary import DriverState, HealthKey, Level, RobotState
 from cspr_msgs_py.wire.joint_state import JointStateSample
-from cspr_msgs_py.wire.samples import PoseSample, SignOfLife, Status, StatusArray
+from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, SignOfLife, Status, StatusArray
 
 CYCLE = 0.004  # s
 NONE = np.empty(0)
 
 
-def component(robot):
-    return SupervisionComponent(robot, supervision_limits(robot, defaults("supervisor")))
+def component(robot, doubled=lambda: ()):
+    return SupervisionComponent(robot, supervision_limits(robot, defaults("supervisor")), doubled)
 
 
 class Home:
     """A supervisor of a robot at its home pose, all of whose inputs arrive each cycle."""
 
     def __init__(self, robot):
-        self.supervision = component(robot)
+        self.doubled = []
+        self.supervision = component(robot, lambda: self.doubled)
         self.tensions = holding_tensions(robot, robot.home, Payload.none()).tensions
         self.sound = robot.motor_angles(robot.winch.home_lengths, self.tensions)
         self.torques = robot.winch.motor_torque(self.tensions)
@@ -143,3 +148,81 @@ def test_stamps_that_began_anew_let_a_robot_at_rest_be_enabled_later(robot):
     for _ in range(300):
         bench.cycle()
     assert enable(bench.time)[0].accepted
+
+
+def payload(stamp, mass):
+    return InertiaSample(stamp, mass, np.zeros(3))
+
+
+def test_a_payload_that_is_held_may_come_again_and_another_one_not(robot):
+    bench = Home(robot).enabled()
+    on_payload, state = bench.supervision.handler(PAYLOAD), bench.supervision.supervisor
+    for stamp, mass in ((7_000, 80.0), (7_000, 80.0), (8_000, 80.5)):
+        on_payload(bench.time, payload(stamp, mass))
+    assert state.state is RobotState.ENABLED
+    on_payload(bench.time, payload(8_000, 81.0))
+    assert "two publishers: stamps of /payload repeat or go back" in str(state.fault)
+
+
+def test_a_payload_of_before_is_anothers(robot):
+    bench = Home(robot).enabled()
+    for stamp in (8_000, 7_000):
+        bench.supervision.handler(PAYLOAD)(bench.time, payload(stamp, 80.0))
+    assert "/payload" in str(bench.supervision.supervisor.fault)
+
+
+def said_by(bench, topic):
+    """Return what the supervisor publishes on a topic in its next round of checks, with a robot that is enabled."""
+    outputs = [*bench.supervision.watch(bench.time)]
+    return [each.sample for each in outputs if isinstance(each, Publication) and each.topic is topic]
+
+
+def test_the_supervisor_hears_itself_without_alarm_and_another_one_with(robot):
+    bench = Home(robot).enabled()
+    hear, supervisor = bench.supervision.handler(SUPERVISOR_ALIVE), bench.supervision.supervisor
+    sent = said_by(bench, SUPERVISOR_ALIVE) + said_by(bench, SUPERVISOR_ALIVE)
+    for sample in sent:
+        hear(bench.time, sample)
+    assert supervisor.state is RobotState.ENABLED
+    hear(bench.time, sent[-1])
+    assert str(supervisor.fault) == (
+        "two publishers: /supervisor_alive brings what supervisor has not sent: somebody publishes it beside supervisor"
+    )
+
+
+def test_somebody_else_who_says_how_the_robot_is_stops_it(robot):
+    bench = Home(robot).enabled()
+    values = {"cause": "", "remark": ""}
+    other = Status("supervisor", Level.OK, RobotState.STOPPING.value, values)
+    bench.supervision.handler(ROBOT_STATE)(bench.time, other)
+    assert "two publishers: /robot_state brings what" in str(bench.supervision.supervisor.fault)
+
+
+def test_a_doubled_topic_refuses_to_enable_with_its_end_points(robot):
+    bench = Home(robot)
+    for _ in range(30):
+        bench.cycle()
+    enable = bench.supervision.services()["/supervisor/enable"]
+    bench.doubled = ["/setpoint has 2 publishers, /feedforward and /lab/feedforward: end all but one"]
+    refused, _ = enable(bench.time)
+    assert refused.message == f"refused: two publishers: {bench.doubled[0]}"
+    bench.doubled = []
+    assert enable(bench.time)[0].accepted
+
+
+def test_a_doubled_topic_found_later_brings_the_robot_to_rest(robot):
+    bench = Home(robot).enabled()
+    look = bench.supervision.look_for_publishers
+    look(bench.time)
+    assert bench.supervision.supervisor.state is RobotState.ENABLED
+    bench.doubled = ["/reference has 2 publishers, /a and /b"]
+    outputs = look(bench.time)
+    assert Call("supervisor", SERVICES[Action.STOP_TRAJECTORY]) in outputs
+    assert bench.supervision.supervisor.state is RobotState.STOPPING
+    assert "/reference has 2 publishers, /a and /b" in str(bench.supervision.supervisor.fault)
+
+
+def test_topics_that_must_have_one_publisher_are_those_the_robot_moves_by():
+    watched = watched_topics(8)
+    assert {MOTOR_STATES, SETPOINT, ROBOT_STATE, PAYLOAD, motor_command(8)} < set(watched)
+    assert DIAGNOSTICS not in watched

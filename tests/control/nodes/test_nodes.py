@@ -655,6 +655,26 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
     assert called.count("/can_drives/enable") == enables == 2
 
 
+def test_supervisor_names_both_end_points_of_a_topic_with_two_publishers(bench):
+    """Before anything has been published: end points are enough."""
+    bench.add(SupervisorNode(**bench.options()))
+    assert "/setpoint has" not in bench.call("/supervisor/enable").message
+    own = bench.add(Node("feedforward", context=bench.probe.context))
+    other = bench.add(Node("feedforward", namespace="lab", context=bench.probe.context))
+    for node in (own, other):
+        advertise(node, topics.SETPOINT)
+    states = bench.listen(topics.ROBOT_STATE)
+    bench.until(lambda: "/setpoint has" in bench.call("/supervisor/enable").message)
+    refused = bench.call("/supervisor/enable")
+    assert not refused.success
+    assert (
+        "two publishers: /setpoint has 2 publishers, /feedforward and /lab/feedforward: end all but one"
+        in refused.message
+    )
+    bench.until(lambda: states)
+    assert from_diagnostic_status(states[-1])[2] == "disabled"
+
+
 def test_supervisor_repeats_that_a_recording_failed(bench):
     bench.add(SupervisorNode(**bench.options()))
     diagnostics = bench.listen(topics.DIAGNOSTICS)

@@ -18,6 +18,7 @@ import can
 import numpy as np
 import pytest
 import yaml
+from canopen.objectdictionary import UNSIGNED8, ODVariable
 
 from cspr_drivers.bus.opening import open_ports
 from cspr_drivers.commission.calibration import CalibrationError, calibrate
@@ -400,6 +401,38 @@ def test_a_brake_that_slips_is_found(rig, content):
     with pytest.raises(DriverError, match=r"winch 1: its closed brake slips by .* under 80 kg: repair it"):
         rig.walk()
     assert "polarity: 1, encoder_increments: 131072, home_counts: 0" in rig.path.read_text()
+
+
+def test_a_rated_torque_in_another_unit_is_not_taken_for_mn_m(rig):
+    rig.emulator.drives[0].readers[0x6076, 0] = lambda: 5_000_000  # uN m
+    with pytest.raises(
+        DriverError, match=r"node-3: torque_limit, 10 N m, must be from .*, 5000 N m: .* 6076h in mN m"
+    ):
+        rig.walk()
+    assert rig.bench.opened_together == 0  # nothing has moved yet
+
+
+def test_a_rated_torque_unlike_those_of_the_other_winches_is_doubted(rig, content):
+    findings = known(swapped(content))
+    del findings.winches[4]
+    FindingsFile(rig.path.with_name("can.yaml.commission")).save(findings)
+    rig.emulator.drives[3].readers[0x6076, 0] = lambda: 400  # 0.4 N m
+    with pytest.raises(
+        DriverError, match=r"node-4: rated_torque, 0\.4 N m, is more than 10 times off .*, 5 N m"
+    ):
+        rig.walk()
+    assert rig.bench.opened_together == 0
+
+
+def test_a_drive_that_reverses_its_positions_is_not_commissioned(rig):
+    polarity = ODVariable("polarity", 0x607E)
+    polarity.data_type, polarity.access_type = UNSIGNED8, "ro"
+    rig.emulator.drives[0].object_dictionary.add_object(polarity)
+    rig.emulator.drives[0].readers[0x607E, 0] = lambda: 0x80
+    with pytest.raises(
+        DriverError, match=r"607Eh:00 \(polarity\) is 128 \(0x80\), expected 0 \(0x0\): it reverses"
+    ):
+        rig.walk()
 
 
 def test_a_device_that_is_missing_is_told(rig):

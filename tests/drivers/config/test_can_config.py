@@ -80,7 +80,17 @@ def change(mapping, path, value):
         (
             ["drives", 0, "torque_limit"],
             200.0,
-            "drives[0].torque_limit = 200.0: must be from 0.001 to 32.767 times",
+            "drives[0].rated_torque = 5.0: torque_limit, 200 N m, must be from 0.02 to 32.767 times",
+        ),
+        (  # 6076h in uN m, taken for mN m
+            ["drives", 0, "rated_torque"],
+            5000.0,
+            "rated_torque, 5000 N m: does the drive count 6076h in mN m?",
+        ),
+        (
+            ["drives", 3, "rated_torque"],
+            60.0,
+            "drives[3].rated_torque = 60.0: rated_torque, 60 N m, is more than 10 times off that of another drive",
         ),
         (["drives", 0, "gear"], 3, "can.yaml: drives[0].gear = 3: unknown key"),
         (["load_cells", 3, "scale"], 0.0, "can.yaml: load_cells[3].scale = 0.0: must not be zero"),

@@ -15,7 +15,7 @@ def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until):
         if problem:
             raise DeviceError("motor_1", problem)
 
-    setup = SetupThread(["motor_1"], configure, lambda: True, lines.append, retry_interval=0.01)
+    setup = SetupThread(["motor_1"], configure, lambda index: True, lines.append, retry_interval=0.01)
     assert setup.problems == {"motor_1": "not configured yet"}
     setup.start()
     wait_until(lambda: not setup.problems)
@@ -28,7 +28,7 @@ def test_devices_are_tried_again_and_each_cause_is_reported_once(wait_until):
 def test_nothing_is_configured_while_it_is_not_allowed(wait_until):
     allowed = []
     attempts = []
-    setup = SetupThread(["motor_1"], attempts.append, lambda: bool(allowed), print, retry_interval=0.01)
+    setup = SetupThread(["motor_1"], attempts.append, lambda index: bool(allowed), print, retry_interval=0.01)
     setup.start()
     time.sleep(0.05)
     assert attempts == []
@@ -45,7 +45,7 @@ def test_a_restart_during_configuration_asks_for_one_more_round(wait_until):
         if len(attempts) == 1:
             setup.request(0, "restarted")
 
-    setup = SetupThread(["motor_1"], configure, lambda: True, print)
+    setup = SetupThread(["motor_1"], configure, lambda index: True, print)
     setup.start()
     wait_until(lambda: len(attempts) == 2 and not setup.problems)
     setup.stop()
@@ -59,7 +59,9 @@ def test_a_defect_is_told_and_the_other_devices_are_set_up(wait_until, capsys):
         if attempts.count(0) == index + 1 < 3:
             {}["6075h"]
 
-    setup = SetupThread(["motor_1", "motor_2"], configure, lambda: True, lines.append, retry_interval=0.01)
+    setup = SetupThread(
+        ["motor_1", "motor_2"], configure, lambda index: True, lines.append, retry_interval=0.01
+    )
     setup.start()
     wait_until(lambda: not setup.problems)
     setup.stop()
@@ -76,7 +78,7 @@ def test_a_thread_that_ends_tells_why(wait_until, capsys):
     def configure(index):
         raise DeviceError("motor_1", "does not answer")
 
-    setup = SetupThread(["motor_1"], configure, lambda: True, report, on_end=told.append)
+    setup = SetupThread(["motor_1"], configure, lambda index: True, report, on_end=told.append)
     setup.start()
     wait_until(lambda: told)
     assert told == [

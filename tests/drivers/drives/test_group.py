@@ -163,6 +163,24 @@ def test_enable_is_refused_without_fresh_commands(disabled):
     assert disabled.group.enable(disabled.time) == "no fresh torque commands for motor_1, motor_2"
 
 
+def test_drives_wait_at_rest_until_the_settings_of_all_are_confirmed(disabled):
+    assert disabled.group.enable(disabled.time, unread=(0, 1)) is None
+    assert disabled.words == [0x00, 0x00]
+    disabled.group.confirmed(0, disabled.time)
+    assert disabled.cycle() is DriverState.ENABLING
+    assert disabled.words == [0x00, 0x00]
+    disabled.group.confirmed(1, disabled.time)
+    assert disabled.words == [0x06, 0x06]
+
+
+def test_a_drive_whose_settings_cannot_be_read_in_time_is_named(disabled):
+    assert disabled.group.enable(disabled.time, unread=(0, 1)) is None
+    disabled.group.confirmed(0, disabled.time)
+    while disabled.cycle() is DriverState.ENABLING:
+        pass
+    assert disabled.group.cause == "not enabled within 1 s: motor_2: its settings are still being read"
+
+
 def test_brakes_open_together_once_all_drives_have_power(enabling):
     assert enabling.words == [0x06, 0x06]
     enabling.cycle(READY, AT_REST)

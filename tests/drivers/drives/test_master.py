@@ -676,9 +676,121 @@ def test_positions_of_unknown_unit_are_refused(config, ports, far_end, wait_unti
     rig.master.start()
     try:
         wait_until(lambda: rig.lines)
-        assert "60A8h:00 (SI unit position) is 4259840 (0x410000), not increments" in rig.lines[0]
+        assert (
+            "60A8h:00 (SI unit position) is 4259840 (0x410000), expected 11862016 (0xB50000)" in rig.lines[0]
+        )
     finally:
         rig.master.stop()
+
+
+@pytest.mark.parametrize(
+    ("objects", "words"),
+    [
+        ({(0x607E, 0): "80"}, "607Eh:00 (polarity) is 128 (0x80), expected 0 (0x0): it reverses directions"),
+        ({(0x607E, 0): "40"}, "607Eh:00 (polarity) is 64 (0x40)"),
+        (
+            {(0x6091, 1): "05 00 00 00", (0x6091, 2): "01 00 00 00"},
+            "6091h (gear ratio) is 5 : 1, so its positions",
+        ),
+        ({(0x6092, 1): "68 01 00 00", (0x6092, 2): "01 00 00 00"}, "set it to 1 : 1 or 131072 : 1"),
+    ],
+)
+def test_positions_that_are_turned_or_scaled_are_refused(config, ports, far_end, wait_until, objects, words):
+    far_end.drives[2].objects |= {key: bytes.fromhex(value) for key, value in objects.items()}
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.lines)
+        assert rig.lines[0].startswith("motor_3 (node 3 on main): ")
+        assert words in rig.lines[0]
+        assert far_end.drives[2].writes == []
+    finally:
+        rig.master.stop()
+
+
+@pytest.mark.parametrize("feed", [1, 131072])
+def test_factors_that_leave_increments_are_accepted(config, ports, far_end, wait_until, feed):
+    ratio = {(0x6091, 1): 3, (0x6091, 2): 3, (0x6092, 1): feed, (0x6092, 2): 1}
+    far_end.drives[2].objects |= {key: value.to_bytes(4, "little") for key, value in ratio.items()}
+    far_end.drives[2].objects[0x607E, 0] = bytes(1)
+    rig = Rig(config, ports)
+    rig.master.start()
+    try:
+        wait_until(lambda: rig.state is DriverState.DISABLED)
+    finally:
+        rig.master.stop()
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        ((0x605A, 0), "00 00", "605Ah:00 (quick stop option) is 0 (0x0), expected 2 (0x2)"),
+        ((0x6007, 0), "00 00", "6007h:00 (abort connection option) is 0 (0x0), expected 3 (0x3)"),
+        (
+            (0x6072, 0),
+            "E8 03",
+            "6072h:00 (max torque, thousandths of the rated torque) is 1000 (0x3E8), expected 2000",
+        ),
+        (
+            (0x1016, 1),
+            "00 00 00 00",
+            "1016h:01 (consumer heartbeat time) is 0 (0x0), expected 8323672 (0x7F0258)",
+        ),
+        (
+            (0x1600, 2),
+            "20 00 FF 60",
+            "1600h:02 (mapped object 2) is 1627324448 (0x60FF0020), expected 1618018320",
+        ),
+    ],
+)
+def test_a_setting_changed_at_rest_is_named_instead_of_enabling_and_set_right(
+    rig, far_end, wait_until, place, value, words
+):
+    wait_until(lambda: rig.state is DriverState.DISABLED)
+    drive = far_end.drives[2]
+    right, drive.objects[place] = drive.objects[place], bytes.fromhex(value)
+    wait_until(lambda: rig.master.enable() is None)
+    wait_until(lambda: rig.state is DriverState.FAULT)
+    assert rig.cause.startswith(f"motor_3: settings read again before enabling: {words}")
+    assert all(word != 0x06 for node in far_end.drives for word, _ in node.rpdos)  # none was switched on
+    wait_until(lambda: drive.objects[place] == right)
+    wait_until(lambda: rig.master.fault_reset() is None)
+    wait_until(lambda: rig.state is DriverState.DISABLED)
+    wait_until(lambda: rig.master.enable() is None)
+    wait_until(lambda: rig.state is DriverState.ENABLED)
+
+
+def test_an_encoder_scale_changed_at_rest_is_named_and_not_set_up(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is DriverState.DISABLED)
+    far_end.drives[2].objects[0x608F, 1] = (65536).to_bytes(4, "little")
+    wait_until(lambda: rig.master.enable(2) is None)
+    wait_until(lambda: rig.state is DriverState.FAULT)
+    changed = "608Fh:01 (encoder increments) is 65536 (0x10000), expected 131072 (0x20000)"
+    assert rig.cause == f"motor_3: settings read again before enabling: {changed}"
+    wait_until(lambda: rig.lines)
+    assert rig.lines[0] == f"motor_3 (node 3 on main): {changed}"
+
+
+def test_a_drive_that_does_not_answer_when_its_settings_are_read_is_not_enabled(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is DriverState.DISABLED)
+    far_end.drives[2].unanswered[0x605A, 0] = 2  # the request and its repetition
+    wait_until(lambda: rig.master.enable() is None)
+    assert rig.master.enable() is not None  # not twice
+    wait_until(lambda: rig.state is DriverState.FAULT)
+    assert rig.cause == "motor_3: settings read again before enabling: does not answer"
+
+
+def test_one_drive_joins_another_without_disturbing_it(rig, far_end, wait_until):
+    wait_until(lambda: rig.state is DriverState.DISABLED)
+    wait_until(lambda: rig.master.enable(2) is None)
+    wait_until(lambda: rig.state is DriverState.ENABLED)
+    far_end.drives[2].reads.clear()
+    wait_until(lambda: rig.master.enable(3) is None)
+    wait_until(
+        lambda: rig.state is DriverState.ENABLED and rig.master.snapshot().members == ("motor_3", "motor_4")
+    )
+    assert far_end.drives[2].reads == []
+    assert far_end.drives[2].status == ENABLED
 
 
 def test_the_present_pose_becomes_the_home_pose(config, ports, far_end, tmp_path, wait_until):

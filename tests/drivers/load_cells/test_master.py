@@ -204,7 +204,7 @@ def test_a_cell_that_leaves_nmt_operational_is_started_again(rig, far_end, wait_
 def test_a_thread_that_ends_is_a_problem_of_all_cells(rig, ports, far_end, wait_until, monkeypatch, which):
     ended = f"the driver's thread '{which}' has ended (RuntimeError: defect): start the driver again"
 
-    def defect():
+    def defect(index):
         raise RuntimeError("defect")
 
     if which == "bus main":

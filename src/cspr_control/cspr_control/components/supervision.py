@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
@@ -33,6 +33,7 @@ from cspr_msgs_py.topics import (
     LOAD_CELL_CHECK,
     LOAD_CELL_STATES,
     MOTOR_STATES,
+    PAYLOAD,
     PLATFORM_POSE,
     RECORDER_STATE,
     REFERENCE,
@@ -46,7 +47,7 @@ from cspr_msgs_py.topics import (
 from cspr_msgs_py.vocabulary import FOLLOWING, DriverState, HealthKey, Level, RobotState, TrajectoryPhase
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.reference import ReferenceSample
-from cspr_msgs_py.wire.samples import PoseSample, SignOfLife, Status, StatusArray
+from cspr_msgs_py.wire.samples import InertiaSample, PoseSample, SignOfLife, Status, StatusArray
 
 PERIOD = 0.02
 """Of the checks, s."""
@@ -63,6 +64,9 @@ SERVICES = {
 _BRAKED = (RobotState.DISABLED, RobotState.FAULT)
 """States of a robot that hangs on its brakes."""
 
+_LOOKING = 1.0
+"""Between two looks for second publishers, s."""
+
 _NOT_NEEDED = ("*", "recorder", "robot_markers", "simulated_robot", "demo")
 """Writers of topics without which the robot can do; the recorder has a word of its own."""
 
@@ -78,6 +82,8 @@ class SupervisionComponent(Component):
         The robot as the controller believes it to be.
     limits
         Limits beyond which the robot is stopped.
+    doubled
+        Tells, in words, which topics with one writer have more publishers; asked once a second and before enabling.
     """
 
     inputs: ClassVar[tuple[Topic, ...]] = (
@@ -86,6 +92,9 @@ class SupervisionComponent(Component):
         SETPOINT,
         CABLE_TENSIONS,
         PLATFORM_POSE,
+        PAYLOAD,
+        ROBOT_STATE,
+        SUPERVISOR_ALIVE,
         DRIVE_STATES,
         LOAD_CELL_STATES,
         LOAD_CELL_CHECK,
@@ -95,7 +104,12 @@ class SupervisionComponent(Component):
     )
     calls: ClassVar[tuple[str, ...]] = tuple(SERVICES.values())
 
-    def __init__(self, robot: Robot, limits: SupervisionLimits) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        limits: SupervisionLimits,
+        doubled: Callable[[], Sequence[str]] = lambda: (),
+    ) -> None:
         super().__init__("supervisor", ROBOT_STATE, SUPERVISOR_ALIVE)
         m = robot.number_of_cables
         self._robot = robot
@@ -105,6 +119,7 @@ class SupervisionComponent(Component):
         self.holding = HoldingCheck(robot, limits.balance.torque_accuracy)
         self._pairs = SyncPairs()
         self._order = StampOrder()
+        self._doubled = doubled
         self._watched = {topic.writer for topic in graph_topics(m)} - {self.name, *_NOT_NEEDED}
         self._recorder_problem = ""
         self._published_state: tuple[object, ...] = ()
@@ -122,7 +137,8 @@ class SupervisionComponent(Component):
 
     def timers(self) -> tuple[Timer, ...]:
         """Return the checks and the report."""
-        return (*super().timers(), Timer(PERIOD, self.watch))
+        looking = Timer(_LOOKING, self.look_for_publishers)
+        return (*super().timers(), Timer(PERIOD, self.watch), looking)
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
         """Return ``enable``, ``stop`` and ``reset``."""
@@ -132,6 +148,7 @@ class SupervisionComponent(Component):
     def enable(self, now: float) -> Decision:
         """Operator's command to enable the robot; see `Supervisor.enable`."""
         supervisor = self.supervisor
+        supervisor.doubled_topics = "; ".join(self._doubled())
         supervisor.slack_problem = ""
         supervisor.balance_problem = self.balance.problem(now)
         if supervisor.state is RobotState.DISABLED:  # brakes are closed: there is time
@@ -148,25 +165,25 @@ class SupervisionComponent(Component):
         checks = self.supervisor.checks
         checks.observe_motors(now, sample)
         begun = self.lengths.observe_motors(now, sample, checks.following_errors())
-        doubled = self._order.observe(now, MonitoredInput.MOTOR_STATES, sample.stamp_ns)
+        doubled = self._order.observe(now, MOTOR_STATES, sample.stamp_ns)
         begun = self._observe_pair(now, self._pairs.motors(sample)) or begun
         return self.update(now) if begun or doubled else NOTHING
 
     def on_reference(self, now: float, sample: ReferenceSample) -> Outputs:
         """Note that there is a reference."""
         self.supervisor.checks.observe_arrival(MonitoredInput.REFERENCE, now)
-        return self._in_order(now, MonitoredInput.REFERENCE, sample.stamp_ns)
+        return self._in_order(now, REFERENCE, sample.stamp_ns)
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the set-point for the next check."""
         self.supervisor.checks.observe_setpoint(now, sample)
-        return self._in_order(now, MonitoredInput.SETPOINT, sample.stamp_ns)
+        return self._in_order(now, SETPOINT, sample.stamp_ns)
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the tensions for the next check; run the checks at once when the lengths no longer fit."""
         self.supervisor.checks.observe_tensions(now, sample.effort)
         begun = self.lengths.observe_tensions(now, sample)
-        doubled = self._order.observe(now, MonitoredInput.CABLE_TENSIONS, sample.stamp_ns)
+        doubled = self._order.observe(now, CABLE_TENSIONS, sample.stamp_ns)
         begun = self._observe_pair(now, self._pairs.tensions(sample.stamp_ns, sample.effort)) or begun
         return self.update(now) if begun or doubled else NOTHING
 
@@ -185,11 +202,28 @@ class SupervisionComponent(Component):
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
         """Store where the platform is."""
         self.supervisor.checks.observe_pose(now, sample.position, sample.quaternion_xyzw)
-        return self._in_order(now, MonitoredInput.PLATFORM_POSE, sample.stamp_ns)
+        return self._in_order(now, PLATFORM_POSE, sample.stamp_ns)
 
-    def _in_order(self, now: float, source: MonitoredInput, stamp_ns: int) -> Outputs:
+    def _in_order(self, now: float, topic: Topic, stamp_ns: int, content: Hashable = None) -> Outputs:
         """Note the stamp of a message; run the checks at once when it repeats or goes back."""
-        return self.update(now) if self._order.observe(now, source, stamp_ns) else NOTHING
+        return self.update(now) if self._order.observe(now, topic, stamp_ns, content) else NOTHING
+
+    def on_payload(self, now: float, sample: InertiaSample) -> Outputs:
+        """Run the checks at once when the stamps go back, or one comes again with another payload."""
+        return self._in_order(now, PAYLOAD, sample.stamp_ns, (sample.mass, *sample.center_of_mass.tolist()))
+
+    def on_supervisor_alive(self, now: float, sample: SignOfLife) -> Outputs:
+        """Run the checks at once when another supervisor lives."""
+        return self.update(now) if self._order.heard(now, SUPERVISOR_ALIVE, sample.stamp_ns) else NOTHING
+
+    def on_robot_state(self, now: float, sample: Status) -> Outputs:
+        """Run the checks at once when somebody else says how the robot is."""
+        return self.update(now) if self._order.heard(now, ROBOT_STATE, _said(sample)) else NOTHING
+
+    def look_for_publishers(self, now: float) -> Outputs:
+        """Ask who publishes on topics that have one writer; run the checks at once when there are more."""
+        self.supervisor.doubled_topics = "; ".join(self._doubled())
+        return self.update(now) if self.supervisor.doubled_topics else NOTHING
 
     def on_drive_states(self, now: float, sample: StatusArray) -> Outputs:
         """Store the state of the drives, and run the checks at once."""
@@ -272,7 +306,9 @@ class SupervisionComponent(Component):
     def watch(self, now: float) -> Outputs:
         """Run the checks, and say that they have been run."""
         outputs = self.update(now)
-        return [*outputs, Publication(SUPERVISOR_ALIVE, SignOfLife(self.supervisor.checks.stamp_ns))]
+        alive = SignOfLife(self.supervisor.checks.stamp_ns)
+        self._order.sent(SUPERVISOR_ALIVE, alive.stamp_ns)
+        return [*outputs, Publication(SUPERVISOR_ALIVE, alive)]
 
     def make_safe(self) -> Outputs:
         """Return what closes the brakes of a robot that is enabled: with the supervisor goes what watches it."""
@@ -288,7 +324,9 @@ class SupervisionComponent(Component):
             return NOTHING
         self._published_state = supervisor.state, values
         level = Level.ERROR if supervisor.state is RobotState.FAULT else Level.OK
-        return (Publication(ROBOT_STATE, self._status(level, supervisor.state.value, values)),)
+        status = self._status(level, supervisor.state.value, values)
+        self._order.sent(ROBOT_STATE, _said(status))
+        return (Publication(ROBOT_STATE, status),)
 
     def status(self, now: float) -> Status:
         """Return the state, what is wrong, how old the inputs are, and how well the lengths of the cables fit."""
@@ -306,3 +344,12 @@ class SupervisionComponent(Component):
             values["load_when_braked"] = f"{load:z.2f}"
         values |= self.lengths.values() | {"unusable_messages": self.unusable, "last_problem": self.problem}
         return self._status(level, text, values)
+
+
+def watched_topics(number_of_motors: int) -> tuple[Topic, ...]:
+    """Return the topics that must have one publisher each."""
+    return tuple(topic for topic in graph_topics(number_of_motors) if topic.writer not in _NOT_NEEDED)
+
+
+def _said(status: Status) -> Hashable:
+    return status.message, frozenset(status.values.items())

@@ -9,9 +9,10 @@ from cspr_control.components.component import Component
 from cspr_control.components.feedforward import FeedforwardComponent
 from cspr_control.components.payload import PayloadComponent
 from cspr_control.components.pose import PoseComponent
-from cspr_control.components.supervision import SupervisionComponent
+from cspr_control.components.supervision import SupervisionComponent, watched_topics
 from cspr_control.components.trajectory import TrajectoryComponent
 from cspr_control.nodes.component_node import ComponentNode, executable
+from cspr_control.nodes.publishers import doubled_topics
 from cspr_control.parameters.settings import (
     estimator_settings,
     feedforward_settings,
@@ -72,7 +73,9 @@ class SupervisorNode(ComponentNode):
         warm_up(self.robot)  # compiling takes long, and must not fall into a control cycle
         declare_all(self, length_misfit=self.robot.length_deviation)
         limits = self.changeable(partial(supervision_limits, self.robot))
-        self.connect(SupervisionComponent(self.robot, limits))
+        topics = watched_topics(self.robot.number_of_cables)
+        doubled = partial(doubled_topics, self, topics)
+        self.connect(SupervisionComponent(self.robot, limits, doubled))
 
 
 NODES: dict[type[Component], Any] = {

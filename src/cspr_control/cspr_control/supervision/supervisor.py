@@ -79,7 +79,9 @@ class Supervisor:
     length_problem
         Why the cables' lengths fit no pose, or not well; likewise.
     publisher_problem
-        Which topics have more than one publisher; likewise.
+        Which topics have more than one publisher, as their messages show; likewise.
+    doubled_topics
+        Which topics have them, though nothing shows of it yet; likewise.
     balance_problem
         Why the tensions fit no load, while the brakes are closed; likewise.
     torque_problem
@@ -106,7 +108,7 @@ class Supervisor:
         self.recording_problem = ""
         self.load_cell_problem = self.load_cell_doubt = self.length_problem = self.publisher_problem = ""
         self.balance_problem = self.torque_problem = ""
-        self.slack_problem = ""
+        self.slack_problem = self.doubled_topics = ""
         self.behind = np.zeros(count)
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
@@ -121,8 +123,8 @@ class Supervisor:
             obstacle = self.slack_problem
         if self._drives is DriverState.WINDING:
             obstacle = self._drives_are()
-        if obstacle is None and self.publisher_problem:
-            obstacle = str(Fault(FaultKind.PUBLISHERS, self.publisher_problem))
+        if problem := self.publisher_problem or self.doubled_topics:  # what else is wrong may come of it
+            obstacle = str(Fault(FaultKind.PUBLISHERS, problem))
         if obstacle is None and (problem := self.load_cell_problem or self.load_cell_doubt):
             obstacle = f"load cells: {problem}"
         if obstacle is None and self.length_problem:
@@ -235,6 +237,8 @@ class Supervisor:
             faults.append(Fault(FaultKind.LENGTHS, self.length_problem))
         if self.publisher_problem:  # what else is wrong may come of it
             faults.insert(0, Fault(FaultKind.PUBLISHERS, self.publisher_problem))
+        if self.doubled_topics:  # messages that all fit are no reason for more than to come to rest
+            faults.insert(0, Fault(FaultKind.PUBLISHERS, self.doubled_topics, controlled=True))
         urgent = next((fault for fault in faults if not fault.controlled), None)
         urgent = urgent or self._find_drive_fault(time)
         if urgent is not None:

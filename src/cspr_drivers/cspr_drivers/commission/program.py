@@ -110,7 +110,8 @@ def commission(
     try:
         ports.require_no_driver(can.master_node_id, 10.0 * can.timeouts.heartbeat_producer)
         with master_heartbeat(ports, can.master_node_id, can.timeouts.heartbeat_producer):
-            walk(can, ports, _transmission_ratio(robot), torque, operator, findings, kept.save).run()
+            ratio, limit = _winch(robot)
+            walk(can, ports, ratio, limit, torque, operator, findings, kept.save).run()
     finally:
         ports.close()
     _write(config, can, findings, operator, kept)
@@ -132,10 +133,11 @@ def _write(path: Path, config: CanConfig, findings: Findings, operator: Operator
     kept.remove()
 
 
-def _transmission_ratio(robot: Path) -> float:
-    """Return the cable per radian of the motor, m/rad, of a robot file."""
+def _winch(robot: Path) -> tuple[float, float]:
+    """Return the cable per radian of the motor, m/rad, and the motor's torque limit, N m, of a robot file."""
     with as_configuration_error():
-        return structured(RobotDescription, read_yaml(robot), str(robot)).winch.transmission_ratio
+        described = structured(RobotDescription, read_yaml(robot), str(robot))
+    return described.winch.transmission_ratio, described.motor.torque_limit
 
 
 def _answers(path: Path) -> FileOperator:

@@ -12,6 +12,7 @@ from cspr_drivers.canopen.object_entry import Parameter
 from cspr_drivers.canopen.units import wrapped
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.devices.position_unit import require_increments
 from cspr_drivers.devices.settings import DRIVE_MODE, milliseconds
 from cspr_drivers.errors import DeviceError
 
@@ -55,6 +56,7 @@ class SingleDrive:
                 device.name, f"608Fh says {increments} increments in {revolutions} revolutions; set it first"
             )
         self.encoder_increments = increments // revolutions
+        require_increments(device, self.encoder_increments)
         self.rated_torque = 1e-3 * device.read(Parameter(0x6076, 0, 32, 0, "motor rated torque, mN m"))
         if self.rated_torque <= 0.0:
             raise DeviceError(device.name, "6076h (motor rated torque) is 0: set the motor data first")

@@ -15,6 +15,7 @@ from cspr_drivers.commission.load_cell import GLANCE, SingleLoadCell
 from cspr_drivers.commission.operator import Operator, WalkStoppedError
 from cspr_drivers.commission.single_drive import SingleDrive
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.plausible_torque import torque_doubt
 from cspr_drivers.devices.device import CanopenDevice
 
 _NUDGE = 0.5  # revolutions of the motor: some 5 mm of cable
@@ -35,6 +36,8 @@ class Walk:
         The open buses.
     transmission_ratio
         Cable per radian of the motor, m/rad.
+    torque_limit
+        Of a motor in the robot's description, N m, with which the rated torques of the drives are compared.
     torque_share
         Largest torque of any step, in units of the rated torque.
     ask
@@ -52,6 +55,7 @@ class Walk:
     config: CanConfig
     ports: CanPorts
     transmission_ratio: float
+    torque_limit: float
     torque_share: float
     ask: Operator
     findings: Findings
@@ -127,6 +131,7 @@ class Walk:
         left = self._unknown(cia402.DEVICE_PROFILE)
         if not left:
             return
+        self._check_torques(left)
         self.ask.tell(
             "2. Winches. One at a time opens its brake and turns by half a revolution of the motor, with at most "
             f"{100 * self.torque_share:g} % of the rated torque. Keep clear of the cables."
@@ -134,6 +139,15 @@ class Walk:
         self.ask.done("supported", "Let the platform rest on its supports, the cables just taut.")
         for device in left:
             self._identify_winch(device)
+
+    def _check_torques(self, drives: list[FoundDevice]) -> None:
+        """Refuse rated torques that cannot be true, before any motor has torque."""
+        known = [winch.rated_torque for winch in self.findings.winches.values()]
+        for device in drives:
+            rated = self._drive(device).rated_torque
+            if doubt := torque_doubt(rated, self.torque_limit, known):
+                raise WalkStoppedError(f"{self._name(device)}: {doubt}")
+            known.append(rated)
 
     def _identify_winch(self, device: FoundDevice) -> None:
         name = self._name(device)

@@ -14,6 +14,7 @@ from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
 from cspr_drivers.config.height_cost import ALLOWED_DROP, height_faults
 from cspr_drivers.config.identity import Identity
 from cspr_drivers.config.option_codes import OptionCodes
+from cspr_drivers.config.plausible_torque import torque_doubt
 from cspr_drivers.config.timeouts import Timeouts
 from cspr_kinematics.configuration.structure import NotNegative, Positive, Text
 from cspr_msgs_py.parameters.table import CONTROL_RATE
@@ -214,11 +215,10 @@ def faults(file: CanFile) -> Iterator[tuple[str, object, str]]:
     if not file.buses:
         yield "buses", None, "must name at least one bus"
     yield from _bus_faults(file)
+    rated = [drive.rated_torque for drive in file.drives]
     for place, drive in enumerate(file.drives):
-        # 6071h counts thousandths of the rated torque in 16 bits.
-        if not 1 <= drive.max_torque <= 32767:
-            problem = "must be from 0.001 to 32.767 times rated_torque"
-            yield f"drives[{place}].torque_limit", drive.torque_limit, problem
+        if doubt := torque_doubt(drive.rated_torque, drive.torque_limit, rated[:place]):
+            yield f"drives[{place}].rated_torque", drive.rated_torque, doubt
     for place, cell in enumerate(file.load_cells):
         if cell.scale == 0.0:
             yield f"load_cells[{place}].scale", cell.scale, "must not be zero"

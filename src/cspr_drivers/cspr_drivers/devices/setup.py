@@ -9,10 +9,11 @@ from cspr_drivers.canopen.frame_table import DIGITAL_INPUTS, STATUS_WORD
 from cspr_drivers.canopen.nmt import NmtCommand
 from cspr_drivers.canopen.object_entry import Parameter, Setting
 from cspr_drivers.canopen.pdo_parameters import default_pdos, out_of_use
-from cspr_drivers.canopen.units import INCREMENTS, velocity_unit
+from cspr_drivers.canopen.units import velocity_unit
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
 from cspr_drivers.config.identity import Identity
 from cspr_drivers.devices.device import CanopenDevice
+from cspr_drivers.devices.position_unit import require_increments
 from cspr_drivers.devices.settings import (
     DRIVE_MODE,
     DRIVE_TYPE,
@@ -73,7 +74,7 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     _identify(device, DRIVE_TYPE, drive.identity)
     device.check(drive_scale(drive))
     current = _rated_current(device)
-    _require_increments(device)
+    require_increments(device, drive.units.encoder_increments)
     velocity = config.pdo.drive_tpdo_2 is not None
     unit = _velocity_unit(device, drive) if velocity else None
     wrong = _differing(device, drive_settings(config, drive))
@@ -86,6 +87,24 @@ def set_up_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig) -
     register = device.read_if_present(Parameter(0x1001, 0, 8, 0, "error register")) or 0
     device.start()
     return DriveFacts(current, unit, _emergency_stop(device, config), code, register, len(wrong))
+
+
+def check_drive(device: CanopenDevice, config: CanConfig, drive: DriveConfig, facts: DriveFacts) -> None:
+    """Raise DeviceError, with both values, if a drive that was set up is set otherwise by now, or does not answer.
+
+    Parameters
+    ----------
+    facts
+        What it said when it was set up.
+    """
+    device.check(drive_scale(drive))
+    require_increments(device, drive.units.encoder_increments)
+    for setting in drive_settings(config, drive):
+        device.check(setting.result)
+    if facts.velocity_unit is not None and _velocity_unit(device, drive) != facts.velocity_unit:
+        raise DeviceError(
+            device.name, "60A9h (SI unit velocity) has changed: its velocities have another scale"
+        )
 
 
 def set_up_load_cell(
@@ -138,18 +157,6 @@ def _rated_current(device: CanopenDevice) -> float | None:
             f"{entry} is 0: its motor data are not set; set them with the manufacturer's software",
         )
     return None if current is None else 1e-3 * current
-
-
-def _require_increments(device: CanopenDevice) -> None:
-    """Refuse a drive that counts positions in another unit; one that does not report a unit counts increments."""
-    entry = Parameter(0x60A8, 0, 32, INCREMENTS, "SI unit position")
-    code = device.read_if_present(entry)
-    if code is not None and not entry.agrees(code):
-        raise DeviceError(
-            device.name,
-            f"{entry} is {entry.shown(code)}, not increments, {entry.shown(INCREMENTS)}: its positions cannot be "
-            "converted",
-        )
 
 
 def _velocity_unit(device: CanopenDevice, drive: DriveConfig) -> float:

@@ -27,7 +27,7 @@ class SetupThread:
         Configures the device of an index; raises `DeviceError` when that fails; what else it raises is a defect, which
         is reported as well and comes with its traceback on stderr. Called in this thread.
     allowed
-        Whether devices may be configured now.
+        Whether the device of an index may be configured now.
     report
         Told, in one line, of each device that fails (once per cause) and of each that is ready.
     clock
@@ -42,7 +42,7 @@ class SetupThread:
         self,
         names: Sequence[str],
         configure: Callable[[int], None],
-        allowed: Callable[[], bool],
+        allowed: Callable[[int], bool],
         report: Callable[[str], None],
         clock: Clock = COMPUTER,
         retry_interval: float = 1.0,
@@ -99,7 +99,7 @@ class SetupThread:
             for index in waiting:
                 if self._stopping.is_set():
                     return
-                if self._allowed():
+                if self._allowed(index):
                     self._attempt(index)
             with suppress(Empty):
                 self._clock.take(self._wake, self._retry_interval if waiting else None)

@@ -7,7 +7,7 @@ caller serialises the calls, and sends the frames of each call before those of t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from cspr_drivers.canopen import frame_table
 from cspr_drivers.canopen.cia402 import decode_state
@@ -289,9 +289,9 @@ class DriveCycle:
 
     # The operator's commands.
 
-    def enable(self, now: float, index: int | None = None) -> str | None:
-        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
-        refusal = self.group.enable(now, index)
+    def enable(self, now: float, index: int | None = None, unread: Iterable[int] = ()) -> str | None:
+        """Begin to release the brakes, of all drives or of one; return why not; see `DriveGroup.enable`."""
+        refusal = self.group.enable(now, index, unread)
         if refusal is None:
             self.watch.clear()
             self.postponed = 0

@@ -64,6 +64,7 @@ class DriveGroup:
         self._since = 0.0
         self._members: frozenset[int] = frozenset()  # drives that are, or are to be, in operation
         self._running: frozenset[int] = frozenset()  # those that have been in operation
+        self._unread: frozenset[int] = frozenset()  # those whose settings are still being read
         self._releasing = False
         self._resetting: frozenset[int] = frozenset()  # drives whose fault is being reset
         self._clearing = False  # whether the latched cause is cleared with them
@@ -130,8 +131,14 @@ class DriveGroup:
 
     # What is commanded.
 
-    def enable(self, time: float, index: int | None = None) -> str | None:
-        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
+    def enable(self, time: float, index: int | None = None, unread: Iterable[int] = ()) -> str | None:
+        """Begin to release the brakes, of all drives or of one; return why not when that is refused.
+
+        Parameters
+        ----------
+        unread
+            Drives whose settings are read meanwhile: none leaves rest until all of them are `confirmed`.
+        """
         if self.state is DriverState.FAULT:
             return f"a fault is latched: {self.cause}; reset it first"
         if self.state is DriverState.NOT_READY:
@@ -146,9 +153,17 @@ class DriveGroup:
         if self._unsupervised(time, members):
             return "no sign of life of the supervisor, without which one drive alone may be enabled: is it running?"
         self._members = members
+        self._unread = frozenset(unread)
         self._releasing = False
         self._enter(DriverState.ENABLING, "", time)
         return None
+
+    def confirmed(self, index: int, time: float) -> None:
+        """Note that a drive is set as it was when it was set up."""
+        if index in self._unread:
+            self._unread -= {index}
+            self._since = time if self.state is DriverState.ENABLING else self._since
+            self._aim()
 
     def wind(self, time: float, index: int, doing: str) -> str | None:
         """Begin to release the brake of a winch that is wound alone, all others braked; return why not when refused.
@@ -169,6 +184,7 @@ class DriveGroup:
         if self.state is not DriverState.DISABLED:
             return self.cause or f"the drives are {self.state.value}: disable them first"
         self._members = frozenset({index})
+        self._unread = frozenset()
         self._releasing = True
         self._enter(DriverState.WINDING, doing, time)
         return None
@@ -284,7 +300,8 @@ class DriveGroup:
     def _target(self, index: int) -> Target:
         if self.state is DriverState.FAULT:
             return Target.FAULT_RESET if index in self._resetting else Target.QUICK_STOP
-        if index not in self._members:
+        waits = self._unread and index not in self._running
+        if index not in self._members or waits:
             return Target.AT_REST
         if self.state is DriverState.ENABLING and not self._releasing and index not in self._running:
             return Target.SWITCHED_ON
@@ -404,6 +421,10 @@ class DriveGroup:
             for drive in (self._drives[index] for index in sorted(self._members))
             if not drive.in_operation
         ]
+        if self._unread:
+            late = [
+                f"{self._drives[k].name}: its settings are still being read" for k in sorted(self._unread)
+            ]
         if not late:
             self._running = self._members
         elif time - self._since > self._timeouts.enable:

@@ -18,7 +18,7 @@ from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.config.can_config import CanConfig
 from cspr_drivers.cycle.cycle_clock import CycleClock
 from cspr_drivers.devices.device import CanopenDevice, leave_operational
-from cspr_drivers.devices.setup import set_up_drive
+from cspr_drivers.devices.setup import check_drive, set_up_drive
 from cspr_drivers.devices.setup_thread import SetupThread
 from cspr_drivers.drives.cycle import DriveCycle
 from cspr_drivers.drives.home_position import store_home
@@ -27,6 +27,7 @@ from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.drives.torque_frames import Frame
 from cspr_drivers.drives.winding import Direction
 from cspr_drivers.errors import ConfigurationError, DeviceError
+from cspr_drivers.thread_end import telling
 from cspr_msgs_py.vocabulary import DriverState
 
 _HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
@@ -70,13 +71,14 @@ class DriveMaster:
         self._sending = threading.Lock()  # over what it returns, until that is sent
         self._storing = threading.Lock()  # while a home pose is stored: nothing is enabled meanwhile
         self._message = CyclicFrame(0)  # the one being sent
+        self._reading: set[int] = set()  # drives whose settings are being read again
         self._heartbeats_due = 0.0
         self._started = self._stopped = False
         self.cycle_clock = cycle_clock(config.period, self._tick, self._clock, self._thread_ended)
         self._setup = SetupThread(
             [str(drive) for drive in config.drives],
             self._configure,
-            self._at_rest,
+            self._may_configure,
             report,
             self._clock,
             on_end=self._thread_ended,
@@ -155,12 +157,24 @@ class DriveMaster:
     # The operator's commands.
 
     def enable(self, index: int | None = None) -> str | None:
-        """Begin to release the brakes, of all drives or of one; return why not when that is refused."""
+        """Begin to release the brakes, of all drives or of one; return why not when that is refused.
+
+        First all settings of these drives are read again: somebody may have changed them with the maker's program. One
+        that is no longer as it was set up stops that, by its name and both values, and is set up again.
+        """
+        concerned = range(len(self._devices)) if index is None else (index,)
         with self._storing, self._lock:
-            refusal = self._cycle.enable(self._clock.monotonic(), index)
-            if refusal is None:
-                self.cycle_clock.clear()
-            return refusal
+            if self._reading:
+                return "the settings of the drives are still being read: try again in a moment"
+            refusal = self._cycle.enable(self._clock.monotonic(), index, concerned)
+            if refusal is not None:
+                return refusal
+            self.cycle_clock.clear()
+            self._reading.update(concerned)
+        for drive in concerned:
+            name = f"settings of {self.config.drives[drive].name}"
+            self._clock.start(telling(partial(self._read_again, drive), name, self._thread_ended), name)
+        return None
 
     def tensions(self, tensions: Sequence[float]) -> None:
         """Note the tensions of the cables (m,), N; see `DriveCycle.tensions`."""
@@ -317,6 +331,25 @@ class DriveMaster:
             raise
         with self._lock:
             self._cycle.configured(self._clock.monotonic(), index, facts)
+
+    def _may_configure(self, index: int) -> bool:
+        with self._lock:
+            return self._cycle.at_rest and index not in self._reading
+
+    def _read_again(self, index: int) -> None:
+        """Compare the settings of a drive that is to be enabled with those of its set-up; in a thread of its own."""
+        problem, facts = "", self._cycle.facts[index]
+        try:
+            if facts is not None:
+                check_drive(self._devices[index], self.config, self.config.drives[index], facts)
+        except DeviceError as error:
+            problem = error.problem
+        with self._lock:
+            self._reading.discard(index)
+            if not problem:
+                self._cycle.group.confirmed(index, self._clock.monotonic())
+        if problem:
+            self._lose(index, f"settings read again before enabling: {problem}")
 
     def _watch_devices(self, now: float) -> None:
         if now < self._heartbeats_due:

@@ -93,7 +93,7 @@ class LoadCellMaster:
         self._setup = SetupThread(
             [str(cell) for cell in config.load_cells],
             self._configure,
-            lambda: True,
+            lambda index: True,
             report,
             self.clock,
             on_end=partial(setattr, self, "_defect"),
