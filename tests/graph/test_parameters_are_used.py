@@ -62,6 +62,9 @@ ALONE: dict[str, Callable[..., Node]] = {
 ASKED_LATER = ("fault", "mark_text")
 """Read when a service is called; the tests of these services set them."""
 
+FITTING = {"length_misfit": 0.001, "allowed_drop": 0.03}
+"""Values that the other defaults of their node allow."""
+
 OF_OTHER_PROCESSES = (
     "motor_controller",
     "robot_markers",
@@ -77,6 +80,8 @@ ROWS = [pytest.param(node, row, id=f"{node}.{row.name}") for node, rows in TABLE
 
 def another(row: NodeParameter) -> Any:
     """Return a value that is allowed and is not the default."""
+    if row.name in FITTING:
+        return FITTING[row.name]
     if row.name == "attach":
         return [str(CONTROL_FILE)]
     if row.choices:

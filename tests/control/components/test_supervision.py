@@ -31,7 +31,8 @@ NONE = np.empty(0)
 
 
 def component(robot, doubled=lambda: ()):
-    return SupervisionComponent(robot, supervision_limits(robot, defaults("supervisor")), doubled)
+    values = defaults("supervisor") | {"allowed_drop": 1.0, "tension_difference": 100.0}  # for any robot
+    return SupervisionComponent(robot, supervision_limits(robot, values), doubled)
 
 
 class Home:

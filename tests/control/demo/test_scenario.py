@@ -78,7 +78,7 @@ def test_a_slower_machine_gives_every_limit_more_time(tmp_path: Path) -> None:
     limits = [row for row in TABLE["supervisor"] if row.name in usual]
     assert len(limits) > 10
     for row in limits:
-        assert slow[row.name] == pytest.approx(usual[row.name] * (4.0 if row.unit == "s" else 1.0)), row.name
+        assert slow[row.name] == pytest.approx(usual[row.name] * 4.0**row.stretch), row.name
     player = ParameterFile.from_yaml(tmp_path / "config" / "control.yaml").values("trajectory_publisher")
     assert player["max_gap"] == 4.0 * 0.1
     markers = ParameterFile.from_yaml(tmp_path / "config" / "control.yaml").values("robot_markers")

@@ -113,6 +113,7 @@ def test_what_depends_on_the_computers_clock_is_stretched():
     assert slow.values("mass_estimator")["input_timeout"] == 0.4
     assert slow.values("feedforward")["switch_slew"] == 0.25 * 2.0
     assert slow.values("supervisor")["max_age.setpoint"] == 0.8
+    assert slow.values("supervisor")["allowed_drop"] == 16.0 * 0.02  # what falls for four times as long
     assert slow.values("motor_controller_3")["setpoint_timeout"] == 0.4
     assert slow.values("trajectory_publisher")["max_gap"] == 0.4
     assert slow.values("trajectory_publisher")["dwell"] == 1.0  # counts on the machine's clock

@@ -29,13 +29,14 @@ _RELAXED_WATCHDOGS = {
 }  # s, in can.yaml
 _RELAXED_DROP = 0.2  # m, allowed_drop in can.yaml: what these would cost if the machine were real
 _RELAXED_LIMITS = {
+    "allowed_drop": _RELAXED_DROP,
     "max_age.motor_states": 1.0,
     "max_age.reference": 1.0,
     "max_age.setpoint": 1.0,
     "max_age.cable_tensions": 1.0,
     "max_age.platform_pose": 1.0,
     "following_error_time": 0.2,
-}  # s, of the supervisor
+}  # s, and m, of the supervisor
 
 
 class DemoError(ControlError):

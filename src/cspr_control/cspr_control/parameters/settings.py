@@ -23,6 +23,7 @@ from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
 from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_control.supervision.limit_bounds import require_bounded
 from cspr_kinematics import Pose, Robot, bounded_methods
 from cspr_msgs_py.parameters.table import ALL_NODES, ParameterValues
 from cspr_msgs_py.vocabulary import FeedforwardModel, PayloadMethod, PayloadSource, TrajectoryName
@@ -117,7 +118,7 @@ def trajectory_settings(robot: Robot, values: Mapping[str, Any]) -> TrajectorySe
 
 
 def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLimits:
-    """Return the limits of the supervisor of a robot; raises SettingError."""
+    """Return the limits of the supervisor of a robot; raises SettingError, also if one costs too much height."""
     of_robot = {
         "max_ages": {source: values[f"max_age.{source.name.lower()}"] for source in MonitoredInput},
         "length_misfit": robot.length_deviation,
@@ -131,7 +132,9 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
         "balance": _of(BalanceSettings, values),
     }
     given = {name: values[name] for name in of_robot if name in values}
-    return _of(SupervisionLimits, values, of_robot | given)
+    limits = _of(SupervisionLimits, values, of_robot | given)
+    require_bounded(limits)
+    return limits
 
 
 def _of(

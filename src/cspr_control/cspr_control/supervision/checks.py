@@ -117,6 +117,8 @@ class SupervisionLimits:
         Those of `LengthCheck`.
     balance
         Those of `BalanceCheck` and `HoldingCheck`.
+    allowed_drop
+        In m, see `cspr_control.supervision.limit_bounds`.
     """
 
     max_ages: dict[MonitoredInput, float]
@@ -147,6 +149,7 @@ class SupervisionLimits:
     stop_timeout: float
     drive_timeout: float
     balance: BalanceSettings
+    allowed_drop: float
 
 
 class SupervisionChecks:

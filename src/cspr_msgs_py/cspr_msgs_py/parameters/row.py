@@ -30,7 +30,8 @@ class NodeParameter:
         Whether it may change while the node runs, also in motion. Others keep their first value.
     stretch : int
         How it follows the computer's time when a simulated machine runs slower than that: 1 for a duration, which
-        grows, -1 for a rate, which falls; 0 for what does not depend on the computer's clock.
+        grows, -1 for a rate, which falls, 2 for a height that is lost meanwhile; 0 for what does not depend on the
+        computer's clock.
     """
 
     name: str

@@ -22,7 +22,7 @@ ALL_NODES = "/**"
 
 _fixed = NodeParameter
 _live = partial(NodeParameter, changeable=True)
-_DURATION, _RATE = 1, -1
+_DURATION, _RATE, _HEIGHT = 1, -1, 2
 
 CPU = _fixed("cpu", -1, "CPU on which the whole process runs, -1 for any", "", -1, 1023)
 REALTIME_PRIORITY = _fixed(
@@ -143,12 +143,13 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("payload_height", 0.0, "Assumed z of the payload's centre of mass in platform", "m", -10.0, 10.0),
         _live("slack_tension", 25.0, "Tension below which a cable counts as slack", "N", 0.1, 1e4),
         _live("slack_hold", 0.3, "How long the estimate is held after the last slack cable", "s", 0.0, 10.0),
+        # beyond what follows, a cell may be wrong by more than 60 N, or for more than a second, before it is found
         _live("cell_tolerance", 18.0, "Sideways force of all cells together, which no payload explains, above which "
-              "one is suspected", "N", 0.1, 1e4),
-        _live("cell_confirmation", 0.02, "How long one cell must explain it before it is left out", "s", 0.0, 10.0),
+              "one is suspected", "N", 0.1, 60.0),
+        _live("cell_confirmation", 0.02, "How long one cell must explain it before it is left out", "s", 0.0, 1.0),
         _live("cell_recovery", 1.0, "How long a cell that was left out must agree, brakes closed, to be believed again",
               "s", 0.0, 60.0),
-        _live("stuck_time", 0.9, "How long a load cell may show exactly the same value", "s", 0.01, 60.0),
+        _live("stuck_time", 0.9, "How long a load cell may show exactly the same value", "s", 0.01, 1.0),
         _live("input_timeout", 0.1, "Age from which motor states and tensions of one SYNC count as stale", "s", 1e-3,
               10.0, stretch=_DURATION),
         _live("static.time_constant", 0.4, "Time constant of the low-pass filter of the static balance", "s", 1e-3,
@@ -167,14 +168,15 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _limit("tension_min_time", 0.5, "How long a tension may be below tension_min of the robot", "s"),
         _limit("tension_max_time", 0.1, "How long a tension may be above tension_max of the robot", "s"),
         _limit("motor_speed_time", 0.02, "How long a motor may be faster than speed_limit of the robot", "s"),
-        _limit("workspace_margin", 0.05, "How far the platform may leave the workspace of the robot", "m"),
+        _fixed("workspace_margin", 0.05, "How far the platform may leave the workspace of the robot", "m", 0.0, 0.2),
         _limit("tension_difference", 250.0, "Largest difference between a load cell and the torque of its motor", "N"),
         _limit("tension_difference_time", 1.0, "How long it may be exceeded", "s"),
         _limit("stuck_time", 1.0, "How long a load cell may show exactly the same value", "s"),
         _limit("length_misfit", float, "Largest difference between a cable's length and its path at the pose that fits "
                "all best; length_uncertainty of the robot by default", "m"),
         _limit("slack_misfit", 0.003, "The same while a cable is slack, where that is more", "m"),
-        _fixed("misfit_cycles", 3, "Cycles in a row in which it must be exceeded", "", 1, 1000),
+        # 25 at 250 Hz are 20 mm of a cable that runs at 0.2 m/s
+        _fixed("misfit_cycles", 3, "Cycles in a row in which it must be exceeded", "", 1, 25),
         _limit("slack_tension", 25.0, "Tension below which a cable counts as slack", "N"),
         _limit("slack_hold", 0.1, "How long it counts as slack afterwards", "s"),
         _live("declared_load", -1.0, "What hangs from the platform when the robot is enabled; negative: not declared, "
@@ -187,6 +189,8 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _live("torque_accuracy", 0.05, "Share by which a motor's torque and tension may disagree, besides friction", "",
               0.0, 10.0),
         _limit("node_timeout", 3.5, "Silence of a node on /diagnostics after which it counts as ended", "s"),
+        _fixed("allowed_drop", 0.02, "Height that each of these may cost, more on a simulated machine", "m", 1e-4,
+               1000.0, stretch=_HEIGHT),
         _limit("enable_timeout", 5.0, "Time for the drives to become enabled", "s"),
         _limit("stop_timeout", 3.0, "Time for the trajectory to come to rest", "s"),
         _limit("drive_timeout", 5.0, "Time for the drives to become disabled or reset", "s"),
