@@ -4,6 +4,7 @@ import re
 import numpy as np
 import pytest
 
+from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
 from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.supervisor import Action, Supervisor
@@ -43,6 +44,7 @@ LIMITS = SupervisionLimits(
     slack_hold=0.1,
     stop_timeout=0.8,
     drive_timeout=1.0,
+    balance=BalanceSettings(-1.0, 300.0, 0.003, 0.02, 0.05),
     allowed_drop=0.02,
 )
 

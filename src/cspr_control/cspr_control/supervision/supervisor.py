@@ -84,6 +84,10 @@ class Supervisor:
         Which topics have them, though nothing shows of it yet; likewise.
     brake_problem
         Which motors turn with their brakes closed, and how far; likewise.
+    balance_problem
+        Why the tensions fit no load, while the brakes are closed; likewise.
+    torque_problem
+        Why the torque of a motor does not fit the tension of its cable; likewise.
     slack_problem
         Which slack cable has to be wound in before lengths can fit again; likewise.
     behind
@@ -107,6 +111,7 @@ class Supervisor:
         self.load_cell_problem = self.load_cell_doubt = self.length_problem = self.publisher_problem = ""
         self.slack_problem = self.doubled_topics = self.brake_problem = ""
         self._before_slip: Fault | None = None  # what was latched when a brake began to slip
+        self.balance_problem = self.torque_problem = ""
         self.behind = np.zeros(count)
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
@@ -127,6 +132,8 @@ class Supervisor:
             obstacle = f"load cells: {problem}"
         if obstacle is None and self.length_problem:
             obstacle = str(Fault(FaultKind.LENGTHS, self.length_problem))
+        if obstacle is None and self.balance_problem:
+            obstacle = self.balance_problem
         if obstacle is None and self._drives is not DriverState.DISABLED:
             obstacle = self._drives_are()
         if obstacle is None and not self.phase.at_rest:
@@ -256,6 +263,8 @@ class Supervisor:
             return urgent
         if problem := self.load_cell_problem or self.load_cell_doubt:
             faults.insert(0, Fault(FaultKind.LOAD_CELL, problem, controlled=True))
+        if self.torque_problem:
+            faults.append(Fault(FaultKind.TORQUE, self.torque_problem, controlled=True))
         if self.recording_problem:
             faults.append(Fault(FaultKind.RECORDING, self.recording_problem, controlled=True))
         return faults[0] if faults else None
