@@ -108,4 +108,4 @@ def test_keys_without_the_library_start_nothing(tmp_path: Path, strategy: str) -
 def test_enforcement_without_keys_starts_nothing(tmp_path: Path) -> None:
     assert "ROS_SECURITY_KEYSTORE names no directory of keys" in refusal(ROS_SECURITY_STRATEGY="Enforce")
     line = refusal(ROS_SECURITY_STRATEGY="Enforce", ROS_SECURITY_KEYSTORE=str(tmp_path))
-    assert f"no keys for the enclave /cspr/control in {tmp_path}" in line
+    assert f"no keys for /cspr/control in {tmp_path}" in line

@@ -40,13 +40,18 @@ def test_a_process_is_in_the_enclave_of_its_name(keystore: Path) -> None:
     assert unprotected(environment) == ""
 
 
+def test_nothing_is_enforced_without_keys(tmp_path: Path) -> None:
+    with pytest.raises(StartError, match="no keys for /cspr in"):
+        enforce({}, tmp_path)
+
+
 def test_an_enclave_that_is_given_counts(keystore: Path) -> None:
     environment: dict[str, str] = {}
     enforce(environment, keystore)
     given = ["anything", *OWN]
     assert enclave_arguments(environment, given, "anything") == []
     assert enclave_arguments(environment | {OVERRIDE: "/cspr/control"}, ["anything"], "anything") == []
-    with pytest.raises(StartError, match="no keys for the enclave /mine in"):
+    with pytest.raises(StartError, match="no keys for /mine in"):
         enclave_arguments(environment, ["control", "--ros-args", "-e", "/mine"], "control")
 
 
@@ -57,7 +62,7 @@ def test_an_enclave_that_is_given_counts(keystore: Path) -> None:
         ({ENABLE: "True"}, "ROS_SECURITY_ENABLE=True: ROS knows true and false only"),
         ({ENABLE: "true", STRATEGY: "enforce"}, "ROS_SECURITY_STRATEGY=enforce: ROS knows Enforce and Permissive only"),
         ({ENABLE: "true", STRATEGY: "Enforce"}, "but ROS_SECURITY_KEYSTORE names no directory"),
-        ({ENABLE: "true", STRATEGY: "Enforce", KEYSTORE: "/nowhere"}, "the enclave /cspr/control in /nowhere"),
+        ({ENABLE: "true", STRATEGY: "Enforce", KEYSTORE: "/nowhere"}, "no keys for /cspr/control in /nowhere"),
     ],
 )  # fmt: skip
 def test_what_ros_would_let_run_open_is_an_error(environment: dict[str, str], words: str) -> None:

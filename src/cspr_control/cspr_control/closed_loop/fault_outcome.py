@@ -24,7 +24,7 @@ LARGEST_DROP = 0.020  # m
 _WAY = 0.6  # m along x, of a robot that moves
 _HOLDING = 1.0  # s for which a robot that is held still has been enabled
 _CALLS = 200  # of wind_in, before the robot counts as one that cannot be enabled
-_SETTLING = 0.2  # s for which the robot is watched after the brakes hold
+_SETTLING = 0.2  # s for which the robot is watched after what was harmless, or was repaired
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def _run(loop: RobotLoop, scenario: FaultScenario) -> Outcome:
     ):
         time.wait(0.01)
         _require(time.monotonic() - begin < scenario.lasts, f"not over after {scenario.lasts:g} s", loop)
-    time.wait(_SETTLING)
+    time.wait(scenario.settling)
     loop.machine.on_tick = lambda: None
     _require_held(loop, scenario)
     _require(watch.onset is not None, "it has not happened", loop)

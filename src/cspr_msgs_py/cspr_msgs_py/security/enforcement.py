@@ -21,7 +21,14 @@ NO_LIBRARY = (
 
 
 def enforce(environment: MutableMapping[str, str], keystore: Path) -> None:
-    """Let this process and those that it starts run only with security, each in the enclave of its name."""
+    """Let this process and those that it starts run only with security, each in the enclave of its name.
+
+    Raises
+    ------
+    StartError
+        If the directory has no keys for any of them.
+    """
+    _require_keys(str(keystore), ENCLAVES)
     environment.update({ENABLE: "true", STRATEGY: _ENFORCE, KEYSTORE: str(keystore.absolute())})
     environment.pop(OVERRIDE, None)
 
@@ -75,7 +82,7 @@ def _require_keys(keystore: str, enclave: str) -> None:
         raise StartError(f"{ENABLE}=true, but {KEYSTORE} names no directory of keys (docs/security.md)")
     if not Path(keystore, "enclaves", enclave.lstrip("/")).is_dir():
         raise StartError(
-            f"there are no keys for the enclave {enclave} in {keystore}; `ros2 security generate_artifacts -k "
+            f"there are no keys for {enclave} in {keystore}; `ros2 security generate_artifacts -k "
             f"{keystore} -p config/security/*.xml` makes them (docs/security.md)"
         )
 
