@@ -25,7 +25,7 @@ from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import Status
 
 RobotLoop: TypeAlias = "ClosedLoop[SimulatedRobot]"
-_PLACE = 2  # the motor or cable, from 0, that has the fault
+PLACE = 2  # the motor or cable, from 0, that has the fault
 _NEW_POSE = 0.1  # s, age up to which the lengths fit a pose now
 _SECOND_AFTER = 0.3  # s at most, from the first fault of a pair to the second
 _WINDING = 2.0  # s that turning a drum back by hand may take
@@ -61,6 +61,8 @@ class FaultScenario:
         Whether the fault itself takes the tension out of a cable.
     harmless
         Whether it is none: the robot must go on with its motion, which begins with it, as if nothing were.
+    tolerable
+        Whether the robot may bear it as well, and go on as it should.
     home_counts
         Position value of all drives at the home pose, if not those of can.yaml.
     happens
@@ -82,6 +84,7 @@ class FaultScenario:
     rest: float = 0.1
     harms_tension: bool = False
     harmless: bool = False
+    tolerable: bool = False
     home_counts: int | None = None
     happens: float = 0.0
     faults: int = 1
@@ -150,7 +153,7 @@ def _pair(first: FaultScenario, second: FaultScenario, delay: float) -> FaultPai
 
 
 def _answer(torque: Callable[[float], float | None]) -> Callable[[RobotLoop], None]:
-    return lambda loop: loop.tampering.__setitem__(_PLACE, torque)
+    return lambda loop: loop.tampering.__setitem__(PLACE, torque)
 
 
 def _heal_controllers(loop: RobotLoop) -> None:
@@ -159,11 +162,11 @@ def _heal_controllers(loop: RobotLoop) -> None:
 
 def _stale_command(loop: RobotLoop) -> None:
     stamp = loop.time.system_ns() - 200_000_000
-    loop.machine.drives.command(_PLACE, stamp, -1.0)
+    loop.machine.drives.command(PLACE, stamp, -1.0)
 
 
 def _second_controller(loop: RobotLoop) -> None:
-    loop.machine.drives.command(_PLACE, loop.supervisor.checks.stamp_ns, -1.0)
+    loop.machine.drives.command(PLACE, loop.supervisor.checks.stamp_ns, -1.0)
 
 
 def _second_publisher(loop: RobotLoop) -> None:
@@ -173,7 +176,7 @@ def _second_publisher(loop: RobotLoop) -> None:
 
 
 def _unknown_motor(loop: RobotLoop) -> None:
-    loop.machine.drives.reject_command(_PLACE, "names are ('motor_9',)")
+    loop.machine.drives.reject_command(PLACE, "names are ('motor_9',)")
 
 
 def _freeze(loop: RobotLoop) -> None:
@@ -216,7 +219,7 @@ def _brake_closed(loop: RobotLoop) -> list[bool]:
 
 def _stop_on_a_bad_brake(loop: RobotLoop) -> None:
     """Let a brake hold too little, and stop the robot as the operator does: the load ends up on that brake."""
-    loop.machine.faults.inject(FaultOrder(InjectedFault.BRAKE_SLIP, _PLACE))
+    loop.machine.faults.inject(FaultOrder(InjectedFault.BRAKE_SLIP, PLACE))
     loop.order("/supervisor/stop")
 
 
@@ -243,23 +246,23 @@ def _wind_back(loop: RobotLoop) -> None:
     _heal_controllers(loop)
     plant, time = loop.machine.plant, loop.time
     wait_until_set_up(loop)
-    plant.set_brake(_PLACE, closed=False)
+    plant.set_brake(PLACE, closed=False)
     end, checks = time.monotonic() + _WINDING, loop.supervisor.checks
     while time.monotonic() < end:
-        error = checks.following_errors()[_PLACE]
+        error = checks.following_errors()[PLACE]
         known = checks.age(MonitoredInput.PLATFORM_POSE, time.monotonic()) < _NEW_POSE
         if known and abs(error) <= 0.1:
             break
         # A cable that hangs slack fits no pose: it is wound in gently until it does.
-        slack = not known and plant.tensions()[_PLACE] < loop.robot.tension_min[_PLACE]
+        slack = not known and plant.tensions()[PLACE] < loop.robot.tension_min[PLACE]
         hand = -0.6 if slack else max(-2.5, min(2.5, 10.0 * error)) - 1.2
-        plant.set_torque(_PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[_PLACE])
+        plant.set_torque(PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[PLACE])
         time.wait(0.002)
-    plant.set_brake(_PLACE, closed=True)
-    plant.set_torque(_PLACE, 0.0)
+    plant.set_brake(PLACE, closed=True)
+    plant.set_torque(PLACE, 0.0)
 
 
-def _injected(fault: InjectedFault, cause: str, place: int | str = _PLACE, **how: Any) -> FaultScenario:
+def _injected(fault: InjectedFault, cause: str, place: int | str = PLACE, **how: Any) -> FaultScenario:
     order = FaultOrder(fault, place)
     return FaultScenario(fault.value, lambda loop: loop.machine.faults.inject(order), cause, **how)
 
@@ -326,7 +329,7 @@ SCENARIOS = (
     _injected(
         InjectedFault.ENCODER_WRAP,
         "",
-        onset=lambda loop: loop.machine.devices[_PLACE].value(0x6064) < 0,
+        onset=lambda loop: loop.machine.devices[PLACE].value(0x6064) < 0,
         held=False,
         lasts=12.0,
         harmless=True,

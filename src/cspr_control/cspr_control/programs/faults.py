@@ -13,8 +13,10 @@ from pathlib import Path
 from cspr_control.closed_loop.fault_outcome import PAYLOAD, Outcome, outcome_of
 from cspr_control.closed_loop.fault_scenarios import SCENARIOS, FaultScenario, fault_pairs
 from cspr_control.closed_loop.loop import ClosedLoopError
+from cspr_control.closed_loop.signal_faults import SIGNALS, signal_scenarios
 from cspr_control.errors import ControlError
 from cspr_control.programs.arguments import add_configuration_argument
+from cspr_drivers.simulation.disturbance import DisturbanceKind
 from cspr_kinematics import KinematicsError
 from cspr_kinematics.configuration.structure import did_you_mean
 from cspr_msgs_py.errors import MessagesError
@@ -32,11 +34,16 @@ EPILOG = """\
 examples:
   cspr faults                               all of them, some minutes; the table of docs/operation.md
   cspr faults drive_silent bus_cut          two of them
+  cspr faults setpoint_stuck                a signal, and what happens to it
+  cspr faults --signals                     seven kinds of faults on every signal: a quarter of an hour
   cspr faults --pairs 20 --seed 7           20 times two of them at once, drawn at random
   cspr faults --json faults.json            numbers for another program: a row for each, held and moving
 
 Faults of devices, cables and buses have the names under which `cspr closed_loop --fault` injects them. It has one
 more, brake_weak: what does not hold cannot end held.
+
+Signals, the topics of the graph and the frames of one device, may be {kinds}. Of these the robot may bear some:
+it goes on, brakes open, and leaves its path by less than a centimetre.
 
 faults:
 """
@@ -123,7 +130,9 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _chosen(options: argparse.Namespace) -> Iterator[FaultScenario]:
-    chosen = [scenario for scenario in SCENARIOS if scenario.name in (options.faults or [scenario.name])]
+    known = (*SCENARIOS, *signal_scenarios())
+    default = [scenario.name for scenario in known if options.signals is scenario.tolerable]
+    chosen = [scenario for scenario in known if scenario.name in (options.faults or default)]
     return iter(chosen) if options.pairs is None else fault_pairs(chosen, options.pairs, options.seed)
 
 
@@ -138,10 +147,15 @@ def _outcome(scenario: FaultScenario, moving: bool, config: Path) -> Outcome | s
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     names = [scenario.name for scenario in SCENARIOS]
-    epilog = EPILOG + textwrap.fill(", ".join(names), 110, initial_indent="  ", subsequent_indent="  ")
+    epilog = EPILOG.format(kinds=", ".join(kind.value for kind in DisturbanceKind)) + "\n\n".join(
+        textwrap.fill(", ".join(listed), 110, initial_indent="  ", subsequent_indent="  ")
+        for listed in (names, [f"{signal}_KIND" for signal in SIGNALS])
+    )
+    names += [scenario.name for scenario in signal_scenarios()]
     parser = program_parser("faults", DESCRIPTION, epilog, EXIT_STATUS, json="the numbers of the table")
     parser.add_argument("faults", nargs="*", metavar="FAULT", help="which; default: all")
     add_configuration_argument(parser)
+    parser.add_argument("--signals", action="store_true", help="all faults of signals instead of all others")
     parser.add_argument(
         "--pairs",
         type=int,
