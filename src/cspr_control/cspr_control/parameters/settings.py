@@ -128,6 +128,7 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
         "workspace_max": tuple(robot.workspace_max.tolist()),
         "transmission_ratio": robot.winch.transmission_ratio,
         "motor_inertia": robot.motor.inertia,
+        "motor_torque": robot.motor.torque_limit,
     }
     given = {name: values[name] for name in of_robot if name in values}
     limits = _of(SupervisionLimits, values, of_robot | given)
