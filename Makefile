@@ -17,7 +17,7 @@ PYTEST := $(VENV)/bin/python -m pytest $(if $(SEED),--seed $(SEED))
 
 # Nothing leaves this machine, and no robot in the same network hears it.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-unexport PYTHONPATH
+unexport PYTHONPATH ROS_STATIC_PEERS ROS_DISCOVERY_SERVER
 
 .PHONY: help hook demo test test-parts test-whole soak test-socketcan lint bench paper sensitivity build clean
 help:

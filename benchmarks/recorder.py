@@ -24,6 +24,7 @@ from rclpy.node import Node
 
 from cspr_msgs_py.bag.reader import Bag
 from cspr_msgs_py.runtime.process import LEAN_NODE, sample_publisher
+from cspr_msgs_py.security.discovery import stay
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     MOTOR_STATES,
@@ -169,7 +170,7 @@ def main(arguments: Sequence[str] = ()) -> None:
     parser.add_argument("--minutes", type=float, default=0.25, help="default: %(default)s")
     parser.add_argument("--flood", type=int, metavar="CYCLES", help="be the process that publishes")
     chosen = parser.parse_args(arguments)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    stay(os.environ)
     os.environ.setdefault("ROS_DOMAIN_ID", "89")
     if chosen.flood is not None:
         flood(chosen.flood)

@@ -77,7 +77,8 @@ QUICKLY = {
     "dwell": 0.2,
 }  # m/s, m/s^2, s: nothing is measured before the start
 UNCALIBRATED = {
-    "supervisor": {"length_misfit": 0.01},  # m: nothing says by how much the lengths may fit badly,
+    # m: nothing says by how much the lengths may fit badly, nor how well the balance holds
+    "supervisor": {"length_misfit": 0.01, "cell_accuracy": 0.1, "weight_accuracy": 0.1},
     "mass_estimator": {"cell_tolerance": 1000.0},  # N: nor by how much tensions and motors may disagree
 }
 WATCHED = 250  # cycles at the end

@@ -14,6 +14,8 @@ import pytest
 from hypothesis import settings
 from hypothesis.internal.detection import is_hypothesis_test  # where both supported releases have it
 
+from cspr_msgs_py.security.discovery import stay
+
 # Clear of the default 0 and the demo's 33; from 102 on, other programs use the ports.
 DOMAINS = range(50, 100)
 
@@ -74,6 +76,7 @@ def _claim_domain(config: pytest.Config) -> None:
             continue
         config.stash[_claim] = claim
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        os.environ.pop("ROS_SECURITY_ENABLE", None)
+        stay(os.environ)
         return
     raise pytest.UsageError(f"other tests have all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]}")

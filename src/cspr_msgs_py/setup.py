@@ -3,13 +3,17 @@
 from setuptools import find_packages, setup
 
 PACKAGE = "cspr_msgs_py"
-PROGRAMS = {"replay": f"{PACKAGE}.nodes.replay:main", "recover": f"{PACKAGE}.programs.recover:main"}
+PROGRAMS = {
+    "replay": f"{PACKAGE}.nodes.replay:main",
+    "recover": f"{PACKAGE}.programs.recover:main",
+    "security": f"{PACKAGE}.programs.security:main",
+}
 
 setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "security/loopback.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

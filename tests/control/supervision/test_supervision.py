@@ -4,6 +4,7 @@ import re
 import numpy as np
 import pytest
 
+from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.checks import FaultKind, MonitoredInput, SupervisionLimits
 from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.supervisor import Action, Supervisor
@@ -44,6 +45,7 @@ LIMITS = SupervisionLimits(
     slack_hold=0.1,
     stop_timeout=0.8,
     drive_timeout=1.0,
+    balance=BalanceSettings(-1.0, 300.0, 0.003, 0.02, 0.05),
     allowed_drop=0.02,
 )
 
@@ -738,3 +740,34 @@ def test_lasting_violation_is_per_member():
     assert watch.update(0.9, [True, True]) == 1
     watch.clear()
     assert watch.update(1.0, [True, True]) is None
+
+
+def test_a_brake_that_slips_at_rest_is_a_fault_at_once_with_how_far_it_has_by_now(rig):
+    rig.step()
+    rig.supervisor.brake_problem = "motor_3 has turned by +0.6 rad"
+    rig.drives = DriverState.FAULT
+    rig.assert_fault(rig.step(), FaultKind.BRAKE, "motor_3 has turned by +0.6 rad")
+    rig.supervisor.brake_problem = "motor_3 has turned by +9.0 rad"
+    rig.step()
+    assert str(rig.supervisor.fault) == "brake slips: motor_3 has turned by +9.0 rad"
+    assert rig.supervisor.reset(rig.time).accepted
+    rig.drives, rig.supervisor.brake_problem = DriverState.DISABLED, ""
+    rig.step()
+    assert rig.state is RobotState.DISABLED
+    assert rig.supervisor.fault is None
+
+
+def test_a_brake_that_slips_after_a_fault_is_told_besides_it(rig):
+    rig.enabled()
+    rig.drives, rig.cause = DriverState.FAULT, "emergency stop"
+    rig.step()
+    for angle in (0.6, 12.0):
+        rig.supervisor.brake_problem = f"motor_3 has turned by {angle} rad"
+        rig.step()
+        assert str(rig.supervisor.fault) == (
+            f"drive fault: emergency stop; then brake slips: motor_3 has turned by {angle} rad"
+        )
+    rig.supervisor.reset(rig.time)
+    rig.supervisor.answered(rig.time, Action.RESET_DRIVES, False, "not stopped yet")
+    rig.step()
+    assert "the drives were not reset: not stopped yet; then brake slips" in str(rig.supervisor.fault)

@@ -70,6 +70,8 @@ class SimulatedRobot:
         The true machine.
     eds
         Directory of the EDS files.
+    believed
+        Buses and devices as the driver believes them to be; as they are by default.
 
     Attributes
     ----------
@@ -84,10 +86,15 @@ class SimulatedRobot:
     """
 
     def __init__(
-        self, time: SimulatedTime, can_config: CanConfig, simulation: SimulationConfig, eds: Path
+        self,
+        time: SimulatedTime,
+        can_config: CanConfig,
+        simulation: SimulationConfig,
+        eds: Path,
+        believed: CanConfig | None = None,
     ) -> None:
         self.time = time
-        self.config = can_config
+        self.config = believed or can_config
         self.plant = Plant(simulation)
         self._emulated = EmulatedDevices(can_config, simulation, self.plant, eds, time)
         self.machine = self._emulated.machine

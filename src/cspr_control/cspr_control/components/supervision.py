@@ -18,7 +18,10 @@ from cspr_control.components.component import (
     Remark,
     Timer,
 )
+from cspr_control.estimation.sync_pairs import SyncPair, SyncPairs
+from cspr_control.supervision.balance_check import BalanceCheck
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
+from cspr_control.supervision.holding_check import HoldingCheck
 from cspr_control.supervision.length_check import LengthCheck
 from cspr_control.supervision.stamp_order import StampOrder
 from cspr_control.supervision.supervisor import Action, Decision, Supervisor
@@ -58,6 +61,9 @@ SERVICES = {
     Action.STOP_TRAJECTORY: "/trajectory_publisher/stop",
 }
 """Which service does what the supervisor asks of others."""
+
+_BRAKED = (RobotState.DISABLED, RobotState.FAULT)
+"""States of a robot that hangs on its brakes."""
 
 _LOOKING = 1.0
 """Between two looks for second publishers, s."""
@@ -110,11 +116,19 @@ class SupervisionComponent(Component):
         self._robot = robot
         self.supervisor = Supervisor(m, limits)
         self.lengths = LengthCheck(robot, limits)
+        self.balance = BalanceCheck(robot, limits.balance)
+        self.holding = HoldingCheck(robot, limits.balance.torque_accuracy)
+        self._pairs = SyncPairs()
         self._order = StampOrder()
         self._doubled = doubled
         self._watched = {topic.writer for topic in graph_topics(m)} - {self.name, *_NOT_NEEDED}
         self._recorder_problem = ""
         self._published_state: tuple[object, ...] = ()
+
+    def configure(self, limits: SupervisionLimits) -> None:
+        """Expect another load, or other accuracies, from now on."""
+        self.balance.settings = limits.balance
+        self.holding.accuracy = limits.balance.torque_accuracy
 
     def begin(self) -> Outputs:
         """Return the state in which the robot begins, and which check is absent."""
@@ -137,6 +151,7 @@ class SupervisionComponent(Component):
         supervisor = self.supervisor
         supervisor.doubled_topics = "; ".join(self._doubled())
         supervisor.slack_problem = ""
+        supervisor.balance_problem = self.balance.problem(now)
         if supervisor.state is RobotState.DISABLED:  # brakes are closed: there is time
             supervisor.slack_problem = supervisor.checks.slack_problem(self._robot, supervisor.behind)
         return supervisor.enable(now)
@@ -152,6 +167,7 @@ class SupervisionComponent(Component):
         checks.observe_motors(now, sample)
         begun = self.lengths.observe_motors(now, sample, checks.following_errors())
         doubled = self._order.observe(now, MOTOR_STATES, sample.stamp_ns)
+        begun = self._observe_pair(now, self._pairs.motors(sample)) or begun
         return self.update(now) if begun or doubled else NOTHING
 
     def on_reference(self, now: float, sample: ReferenceSample) -> Outputs:
@@ -169,7 +185,20 @@ class SupervisionComponent(Component):
         self.supervisor.checks.observe_tensions(now, sample.effort)
         begun = self.lengths.observe_tensions(now, sample)
         doubled = self._order.observe(now, CABLE_TENSIONS, sample.stamp_ns)
+        begun = self._observe_pair(now, self._pairs.tensions(sample.stamp_ns, sample.effort)) or begun
         return self.update(now) if begun or doubled else NOTHING
+
+    def _observe_pair(self, now: float, pair: SyncPair | None) -> bool:
+        """Take what a SYNC brought; return whether it contradicts the configuration."""
+        if pair is None:
+            return False
+        supervisor = self.supervisor
+        if supervisor.state in _BRAKED:
+            self.balance.observe(now, pair)
+            self.holding.observe_braked(pair)
+        elif supervisor.state is RobotState.ENABLED:
+            return self.holding.observe_enabled(now, pair, supervisor.checks.setpoints_at_rest())
+        return False
 
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
         """Store where the platform is."""
@@ -207,7 +236,21 @@ class SupervisionComponent(Component):
         if drives is None:
             return NOTHING
         self.supervisor.observe_drives(now, drives, status.values.get("cause", ""))
+        self.supervisor.brake_problem = self._slips(sample)
         return self.update(now)
+
+    def _slips(self, sample: StatusArray) -> str:
+        """Return which motors turn with their brakes closed, and by how much cable, in words."""
+        slips = []
+        for status in sample.statuses:
+            if angle := status.values.get("slipped_rad", ""):
+                try:
+                    paid_out = 1e3 * self._robot.winch.transmission_ratio * float(angle)
+                except ValueError:
+                    self.refuse(DRIVE_STATES, f"{status.name}: slipped_rad is {angle!r}")
+                    continue
+                slips.append(f"{status.name} has turned by {angle} rad, {paid_out:+.0f} mm of cable")
+        return f"{'; '.join(slips)}, with its brake closed" if slips else ""
 
     def on_diagnostics(self, now: float, sample: StatusArray) -> Outputs:
         """Note which nodes of the graph are alive, and what has gone wrong in them; then run the checks at once."""
@@ -264,6 +307,9 @@ class SupervisionComponent(Component):
         before = supervisor.state
         supervisor.publisher_problem = self._order.problem(now)
         supervisor.length_problem = self.lengths.problem(supervisor.checks.following_errors())
+        if supervisor.length_problem and (turned := self.holding.turned_wrongly(now)):
+            supervisor.length_problem += f"; {turned}"
+        supervisor.torque_problem = self.holding.problem
         outputs: list[Output] = [Call(self.name, SERVICES[action]) for action in supervisor.update(now)]
         if supervisor.state is not before and supervisor.fault is not None:
             outputs.append(Remark(self.name, Level.ERROR, f"stopped by {supervisor.fault}"))
@@ -312,6 +358,8 @@ class SupervisionComponent(Component):
         values: dict[str, Any] = {
             f"age_{source.name.lower()}": f"{age:.3f}" for source, age in ages.items() if math.isfinite(age)
         }
+        if math.isfinite(load := self.balance.load):
+            values["load_when_braked"] = f"{load:z.2f}"
         values |= self.lengths.values() | {"unusable_messages": self.unusable, "last_problem": self.problem}
         return self._status(level, text, values)
 

@@ -66,7 +66,7 @@ class Scenario(Experiment):
         DemoError
             If a file lacks what has to be changed.
         """
-        shutil.copytree(source, target, ignore=shutil.ignore_patterns("views"))
+        shutil.copytree(source, target, ignore=shutil.ignore_patterns("views", "security"))
         with _edited(target / "simulation.yaml") as simulation:
             simulation["payload"]["mass"] = self.payload
             simulation["payload_changes"] = []

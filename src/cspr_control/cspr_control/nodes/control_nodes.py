@@ -71,10 +71,11 @@ class SupervisorNode(ComponentNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("supervisor", **options)
         warm_up(self.robot)  # compiling takes long, and must not fall into a control cycle
-        values = declare_all(self, length_misfit=self.robot.length_deviation)
+        declare_all(self, length_misfit=self.robot.length_deviation)
+        limits = self.changeable(partial(supervision_limits, self.robot))
         topics = watched_topics(self.robot.number_of_cables)
         doubled = partial(doubled_topics, self, topics)
-        self.connect(SupervisionComponent(self.robot, supervision_limits(self.robot, values), doubled))
+        self.connect(SupervisionComponent(self.robot, limits, doubled))
 
 
 NODES: dict[type[Component], Any] = {

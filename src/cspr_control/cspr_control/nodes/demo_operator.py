@@ -20,6 +20,7 @@ from cspr_control.demo.child_processes import ChildProcesses
 from cspr_control.demo.scenario import DemoError
 from cspr_control.errors import ControlError
 from cspr_msgs_py import topics
+from cspr_msgs_py.runtime.network import creating_nodes, init_ros
 from cspr_msgs_py.runtime.process import sample_publisher, subscribe_samples
 from cspr_msgs_py.vocabulary import FOLLOWING, UNDER_WAY, DriverState, RobotState
 from cspr_msgs_py.wire.samples import InertiaSample, Status, StatusArray
@@ -112,8 +113,9 @@ class DemoClient(Node):
 @contextlib.contextmanager
 def demo_client() -> Iterator[DemoClient]:
     """Spin the demo's node in the background."""
-    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    node = DemoClient()
+    init_ros(["demo"], "demo")
+    with creating_nodes():
+        node = DemoClient()
     stopping = rclpy.task.Future()
 
     def spin() -> None:

@@ -21,6 +21,7 @@ from cspr_control.motors.motor_control import MotorGains
 from cspr_control.motors.swing_damping import SwingSettings
 from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.point_to_point import MotionLimits
+from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_control.supervision.limit_bounds import require_bounded
 from cspr_kinematics import Pose, Robot, bounded_methods
@@ -129,6 +130,7 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
         "transmission_ratio": robot.winch.transmission_ratio,
         "motor_inertia": robot.motor.inertia,
         "motor_torque": robot.motor.torque_limit,
+        "balance": _of(BalanceSettings, values),
     }
     given = {name: values[name] for name in of_robot if name in values}
     limits = _of(SupervisionLimits, values, of_robot | given)

@@ -26,9 +26,12 @@ from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
 from cspr_control.parameters.control_settings import robot_file
 from cspr_control.parameters.experiment import MEASURING, SETTLING
 from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment
+from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.json_file import write_json
 from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.programs.command_line import number, program_parser, run_program
+from cspr_msgs_py.security.discovery import stay
+from cspr_msgs_py.security.enforcement import enforce
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
 COMPARED = [*((controller, False) for controller in Controller), (Controller.PDFF, True)]
@@ -64,7 +67,7 @@ def main(args: list[str] | None = None) -> int:
     return run_program(
         "demo",
         lambda: _run_chosen(options),
-        (ControlError,),
+        (ControlError, StartError),
         "brakes are closed, every process has ended, the bag is readable",
     )
 
@@ -76,7 +79,9 @@ def _run_chosen(options: argparse.Namespace) -> None:
     summaries: list[RunSummary] = []
     analyses: list[RunAnalysis] = []
     # On loopback, in a domain of its own: no robot in the same network hears a word of this.
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    stay(os.environ)
+    if options.security is not None:
+        enforce(os.environ, options.security)
     try:
         with claim_domain():
             for controller, exact_mass in compared:
@@ -149,12 +154,18 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         "--markers", action="store_true",
         help="also publish /robot_markers, for RViz and Foxglove (config/views)",
     )  # fmt: skip
+    add(
+        "--security", type=Path, metavar="KEYSTORE",
+        help="enforce SROS 2 security with the keys in this directory (docs/security.md)",
+    )  # fmt: skip
     add("--runs", default="runs", metavar="DIR", help="where runs are stored; default: %(default)s")
     options = parser.parse_args(arguments)
     if options.exact_mass and Controller(options.controller).model is FeedforwardModel.NONE:
         parser.error("--exact-mass has no meaning for --controller pd, which has no feed-forward")
     if options.exact_mass and options.compare:
         parser.error("--exact-mass has no meaning for --compare, which runs pdff with the exact mass as well")
+    if options.exact_mass and options.security is not None:
+        parser.error("--exact-mass remaps a topic, which the policies of --security do not allow")
     options.experiment = chosen_experiment(parser, options)
     return options
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspr_control.estimation.stuck import StuckReadings
+from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.slack_cables import slack_problem
 from cspr_control.supervision.torque_check import AT_LIMIT, Contradiction
@@ -48,9 +49,10 @@ class FaultKind(StrEnum):
     OVERSPEED = "overspeed"
     WORKSPACE = "workspace left"
     LOAD_CELL = "load cell not plausible"
-    TORQUE = "torque and tension contradict each other"
     LENGTHS = "cable lengths fit no pose"
     PUBLISHERS = "two publishers"
+    BRAKE = "brake slips"
+    TORQUE = "torque fits no tension"
     RECORDING = "recording failed"
     DRIVE_FAULT = "drive fault"
     DRIVE_STATE = "unexpected drive state"
@@ -123,6 +125,8 @@ class SupervisionLimits:
         In s; the noise of a sound load cell never lets it show the very same value for long.
     length_misfit, slack_misfit, misfit_cycles, slack_tension, slack_hold
         Those of `LengthCheck`.
+    balance
+        Those of `BalanceCheck` and `HoldingCheck`.
     allowed_drop
         In m, see `cspr_control.supervision.limit_bounds`.
     """
@@ -155,6 +159,7 @@ class SupervisionLimits:
     enable_timeout: float
     stop_timeout: float
     drive_timeout: float
+    balance: BalanceSettings
     allowed_drop: float
 
 

@@ -12,7 +12,6 @@ import rclpy
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import remove_ros_args
@@ -23,6 +22,7 @@ from cspr_msgs_py.errors import BagError, MessageError, StartError
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.programs.command_line import number, program_parser, run_program, show_progress
 from cspr_msgs_py.qos import replay_profile
+from cspr_msgs_py.runtime.network import creating_nodes, init_ros
 from cspr_msgs_py.runtime.process import LEAN_NODE
 from cspr_msgs_py.runtime.replay_pace import ReplayPace
 from cspr_msgs_py.runtime.terminal import RIGHT_ARROW, Keyboard, keyboard
@@ -71,15 +71,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a bag; return the exit status."""
     words = list(sys.argv if arguments is None else ["replay", *arguments])
     options = _parse(remove_ros_args(words)[1:])
-    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))  # after the terminal is as it was
     try:
-        return run_program("replay", lambda: _run(options), (BagError, StartError))
+        return run_program("replay", lambda: _run(options, words), (BagError, StartError))
     finally:
         rclpy.try_shutdown()
 
 
-def _run(options: argparse.Namespace) -> None:
+def _run(options: argparse.Namespace, words: Sequence[str]) -> None:
+    init_ros(words, "replay")
     with contextlib.suppress(KeyboardInterrupt), Bag(options.bag) as bag, keyboard() as keys:
         replay = Replay(bag, options, keys)
         try:
@@ -126,7 +126,8 @@ class Replay:
         self._step: str | None = None  # the topic that ends the step under way; of any topic if empty
         self._ended = self._late = False
         self._looked = self._checked = -1e9
-        self._node = Node("replay", **LEAN_NODE)
+        with creating_nodes():
+            self._node = Node("replay", **LEAN_NODE)
         self._clock = self._node.create_publisher(
             Clock, CLOCK, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         )

@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -18,7 +19,6 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
@@ -29,9 +29,12 @@ from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.parameters.file import Heard, check_arguments
 from cspr_msgs_py.parameters.table import CPU, REALTIME_PRIORITY
 from cspr_msgs_py.qos import qos_profile
+from cspr_msgs_py.runtime.network import creating_nodes, init_ros
 from cspr_msgs_py.runtime.parameters import declare
 from cspr_msgs_py.runtime.scheduling import set_cpu, set_realtime_priority
 from cspr_msgs_py.runtime.time_of_day import timers_reset_at_steps
+from cspr_msgs_py.security.discovery import reach
+from cspr_msgs_py.security.enforcement import unprotected
 from cspr_msgs_py.topics import DIAGNOSTICS, Topic
 from cspr_msgs_py.wire.samples import Status, StatusArray
 from cspr_msgs_py.wire.topic_codecs import topic_codec
@@ -76,7 +79,7 @@ def run_nodes(
     arguments = sys.argv
     program = os.path.basename(arguments[0])
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        init_ros(arguments, Path(program).stem)
     except Exception as error:  # rcl reports arguments and parameter files with its own kinds of error
         return _report(program, error)
     try:
@@ -106,8 +109,10 @@ def _run(
     status = 0
     with _stop_on_signal() as stop:
         try:
-            nodes += factory()
+            with creating_nodes():
+                nodes += factory()
             stop.armed = True
+            _say_who_can_reach(nodes[0])
             _set_scheduling(nodes, realtime)
             declared = {node.get_name(): set(node.get_parameters_by_prefix("")) for node in nodes}
             check_arguments(arguments, {**asked_before, **declared})
@@ -122,6 +127,12 @@ def _run(
         for node in nodes:
             node.destroy_node()
     return status
+
+
+def _say_who_can_reach(node: Node) -> None:
+    node.get_logger().info(reach(os.environ))
+    if problem := unprotected(os.environ):
+        node.get_logger().warning(problem)
 
 
 class _Stop:

@@ -1,0 +1,66 @@
+"""Who can discover a process, and reach it: this computer alone, unless the user asks for more.
+
+LOCALHOST by itself only ends the search: a host that names this one in its ROS_STATIC_PEERS still reaches sockets that
+listen on all interfaces. So Fast DDS is told to listen on the loopback interface alone. Whoever asks for more, by
+ROS's own variables, gets it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, MutableMapping
+from pathlib import Path
+
+from cspr_msgs_py.errors import StartError
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PEERS = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+LOOPBACK = Path(__file__).with_name("loopback.xml")
+"""The transports of Fast DDS that do not leave this computer."""
+
+_HERE = "LOCALHOST"
+_RANGES = (_HERE, "SUBNET", "OFF", "SYSTEM_DEFAULT")
+
+
+def stay_by_default(environment: MutableMapping[str, str]) -> None:
+    """Choose this computer alone where the user has not chosen; comes before the first node.
+
+    Raises
+    ------
+    StartError
+        If ROS does not know the range that is set.
+    """
+    chosen = environment.get(RANGE) or _HERE
+    if chosen not in _RANGES:
+        raise StartError(f"{RANGE}={chosen}: ROS knows {', '.join(_RANGES)}")
+    environment[RANGE] = chosen
+    if (environment.get(PROFILES) or str(LOOPBACK)) != str(LOOPBACK):
+        return  # the user's own transports
+    if _beyond(environment):
+        environment.pop(PROFILES, None)
+    else:
+        environment[PROFILES] = str(LOOPBACK)
+
+
+def stay(environment: MutableMapping[str, str]) -> None:
+    """Choose this computer alone, whatever the user has chosen: for what must never meet a robot."""
+    for name in (RANGE, PROFILES, *PEERS):
+        environment.pop(name, None)
+    stay_by_default(environment)
+
+
+def reach(environment: Mapping[str, str]) -> str:
+    """Return in words who can discover the process, once `stay_by_default` has chosen."""
+    domain = f"ROS domain {environment.get('ROS_DOMAIN_ID') or 0}"
+    if beyond := _beyond(environment):
+        return f"{domain}, open beyond this computer: {', '.join(beyond)}"
+    if environment[PROFILES] != str(LOOPBACK):
+        return f"{domain}, this computer, by the transports of {environment[PROFILES]}"
+    return f"{domain}, this computer alone"
+
+
+def _beyond(environment: Mapping[str, str]) -> list[str]:
+    """Return what the user has set to reach beyond this computer."""
+    asked = [] if environment[RANGE] in (_HERE, "OFF") else [RANGE]
+    asked += [name for name in PEERS if environment.get(name)]
+    return [f"{name}={environment[name]}" for name in asked]
