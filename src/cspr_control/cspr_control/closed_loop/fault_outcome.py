@@ -196,7 +196,7 @@ def _run(loop: RobotLoop, scenario: FaultScenario) -> Outcome:
                 return watch.outcome(0.0)
             begin = time.monotonic()
         _require(not over or scenario.tolerable, f"not over after {scenario.lasts:g} s", loop)
-        _require(time.monotonic() - begin < 2.0 * scenario.lasts, "neither held nor enabled", loop)
+        _require(time.monotonic() - begin < 4.0 * scenario.lasts, "neither held nor enabled", loop)
     time.wait(scenario.settling)
     loop.machine.on_tick = lambda: None
     _require_held(loop, scenario)

@@ -68,6 +68,9 @@ SIGNALS: dict[str, Topic | FrameSignal] = {
 }
 """What can be disturbed, by name: a topic for all that hear it, or the frames of one device."""
 
+KINDS = tuple(kind.value for kind in DisturbanceKind)
+"""What can happen to each."""
+
 
 def signal_scenarios() -> Iterator[FaultScenario]:
     """Yield the seven kinds for each signal."""

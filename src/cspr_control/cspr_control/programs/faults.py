@@ -13,10 +13,9 @@ from pathlib import Path
 from cspr_control.closed_loop.fault_outcome import PAYLOAD, Outcome, outcome_of
 from cspr_control.closed_loop.fault_scenarios import SCENARIOS, FaultScenario, fault_pairs
 from cspr_control.closed_loop.loop import ClosedLoopError
-from cspr_control.closed_loop.signal_faults import SIGNALS, signal_scenarios
+from cspr_control.closed_loop.signal_faults import KINDS, SIGNALS, signal_scenarios
 from cspr_control.errors import ControlError
 from cspr_control.programs.arguments import add_configuration_argument
-from cspr_drivers.simulation.disturbance import DisturbanceKind
 from cspr_kinematics import KinematicsError
 from cspr_kinematics.configuration.structure import did_you_mean
 from cspr_msgs_py.errors import MessagesError
@@ -147,7 +146,7 @@ def _outcome(scenario: FaultScenario, moving: bool, config: Path) -> Outcome | s
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     names = [scenario.name for scenario in SCENARIOS]
-    epilog = EPILOG.format(kinds=", ".join(kind.value for kind in DisturbanceKind)) + "\n\n".join(
+    epilog = EPILOG.format(kinds=", ".join(KINDS)) + "\n\n".join(
         textwrap.fill(", ".join(listed), 110, initial_indent="  ", subsequent_indent="  ")
         for listed in (names, [f"{signal}_KIND" for signal in SIGNALS])
     )
