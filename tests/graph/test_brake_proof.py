@@ -69,10 +69,7 @@ def config(tmp_path):
     directory = tmp_path / "config"
     shutil.copytree(CONFIG, directory)
     text = (directory / "can.yaml").read_text()
-    assert "brake_output: null" in text
-    (directory / "can.yaml").write_text(
-        text.replace("brake_output: null", "brake_output: {bit: 0, closed: 1}")
-    )
+    (directory / "can.yaml").write_text(f"{text}\nbrake_output: {{bit: 0, closed: 1}}\n")
     return directory
 
 

@@ -359,7 +359,7 @@ def test_a_brake_that_slips_at_rest_is_a_fault_with_how_far_so_far(robot):
     group = robot.cycle.group
     assert group.state is DriverState.FAULT
     assert group.cause == (
-        "motor_3 turns with its brake closed, by +1.0 rad so far: its brake slips, or its encoder"
+        "motor_3 turns with its brake closed, by +1.4 rad so far: its brake slips, or its encoder"
     )
     slip(robot, 2, 10_000)
     assert group.drives[2].slipped == pytest.approx(2.9)

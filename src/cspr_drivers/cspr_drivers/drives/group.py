@@ -29,7 +29,9 @@ _SETTLED: dict[Target, frozenset[State]] = {
     Target.FAULT_RESET: frozenset({State.SWITCH_ON_DISABLED}),
 }
 
-NOT_PROVEN = "not possible: brake_output of can.yaml is null, and the drives take the torque away untested"
+NOT_PROVEN = (
+    "not possible: there is no brake_output in can.yaml, and the drives take the torque away untested"
+)
 _PROOF_SLIP = (
     0.2  # share of the angle that is a slip in any state: under its full load a bad brake shows early
 )
