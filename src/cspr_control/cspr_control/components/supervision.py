@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar
 
@@ -259,6 +260,9 @@ class SupervisionComponent(Component):
                 failure = status.values.get(HealthKey.FAILURE, "")
                 self.supervisor.checks.observe_node(now, status.name, failure)
                 failed = failed or bool(failure)
+            if unexplained := status.values.get(HealthKey.CELLS_UNEXPLAINED, ""):
+                with suppress(ValueError):
+                    self.supervisor.checks.observe_balance(now, float(unexplained))
         return self.update(now) if failed else NOTHING
 
     def on_load_cell_states(self, now: float, sample: StatusArray) -> Outputs:
