@@ -60,7 +60,7 @@ def drive_settings(config: CanConfig, drive: DriveConfig) -> tuple[Setting, ...]
     times = config.timeouts
     codes = config.option_codes
     heartbeat = config.master_node_id << 16 | milliseconds(times.heartbeat_consumer)
-    single = (
+    single: tuple[Parameter, ...] = (
         Parameter(0x6060, 0, 8, cia402.CYCLIC_SYNCHRONOUS_TORQUE, "modes of operation", signed=True),
         Parameter(0x6072, 0, 16, drive.units.max_torque, "max torque, thousandths of the rated torque"),
         Parameter(0x605A, 0, 16, codes.quick_stop, "quick stop option", signed=True),

@@ -141,7 +141,8 @@ class DriveCycle:
 
     def _brake_frames(self, now: float) -> list[Frame]:
         """Return what moves the brakes that the host commands, again while a drive does not report it done."""
-        output, frames = self.config.brake_output, []
+        output = self.config.brake_output
+        frames: list[Frame] = []
         if output is None:
             return frames
         for index, (drive, status) in enumerate(zip(self.config.drives, self.group.drives, strict=True)):
