@@ -51,6 +51,7 @@ class FaultKind(StrEnum):
     LENGTHS = "cable lengths fit no pose"
     PUBLISHERS = "two publishers"
     TORQUE = "torque fits no tension"
+    CONFIGURATION = "wrong configuration"
     RECORDING = "recording failed"
     DRIVE_FAULT = "drive fault"
     DRIVE_STATE = "unexpected drive state"
@@ -116,7 +117,9 @@ class SupervisionLimits:
     length_misfit, slack_misfit, misfit_cycles, slack_tension, slack_hold
         Those of `LengthCheck`.
     balance
-        Those of `BalanceCheck` and `HoldingCheck`.
+        Those of `BalanceCheck`, `HoldingCheck` and `Verification`.
+    verification_required
+        Whether a configuration must have been verified before the robot is enabled.
     allowed_drop
         In m, see `cspr_control.supervision.limit_bounds`.
     """
@@ -149,6 +152,7 @@ class SupervisionLimits:
     stop_timeout: float
     drive_timeout: float
     balance: BalanceSettings
+    verification_required: bool
     allowed_drop: float
 
 
