@@ -10,6 +10,7 @@ from cspr_drivers.canopen.emergency import ActiveErrors
 from cspr_drivers.cycle.cycle_watch import AnswerCounts
 from cspr_drivers.devices.device import in_words
 from cspr_drivers.drives.report import DriveReport
+from cspr_drivers.drives.status import DriveStatus
 from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport
 from cspr_msgs_py.vocabulary import DriverState, Level
 from cspr_msgs_py.wire.samples import Status
@@ -27,7 +28,7 @@ def drive_states(report: DriveReport) -> list[Status]:
     level = _LEVELS.get(report.state, Level.OK)
     statuses = [Status.of("can_drives", level, report.state.value, overall)]
     for drive, age in zip(report.drives, report.feedback_ages, strict=True):
-        level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
+        level = _level(drive)
         values = {
             "brake": "unknown" if drive.state is None else "open" if drive.brake_open else "closed",
             "error_code": f"0x{drive.error_code:04X}",
@@ -35,11 +36,18 @@ def drive_states(report: DriveReport) -> list[Status]:
             "remedy": drive.errors[-1].remedy if drive.errors else "",
             "statusword": f"0x{drive.status_word:04X}",
             "emergency_stop": "active" if drive.emergency_stop else "",
+            "slipped_rad": f"{drive.slipped:+.1f}" if drive.slipped else "",
             "feedback_age_ms": _milliseconds(age),
             "unavailable": drive.unavailable,
         }
         statuses.append(Status.of(drive.name, level, drive.state_name, values))
     return statuses
+
+
+def _level(drive: DriveStatus) -> Level:
+    if drive.unavailable or drive.slipped:
+        return Level.ERROR
+    return Level.WARN if drive.errors else Level.OK
 
 
 def _milliseconds(age: float) -> str:
@@ -61,7 +69,7 @@ def drive_diagnostics(report: DriveReport) -> list[Status]:
             values["written_settings"] = facts.written
             if facts.rated_current is not None:
                 values["rated_current_a"] = f"{facts.rated_current:g}"
-        level = Level.ERROR if drive.unavailable else Level.WARN if drive.errors else Level.OK
+        level = _level(drive)
         message = drive.unavailable or drive.state_name
         statuses.append(Status.of(f"can_drives: {drive.name}", level, message, values))
     return statuses

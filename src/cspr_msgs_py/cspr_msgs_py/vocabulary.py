@@ -22,9 +22,12 @@ class HealthKey(StrEnum):
     """Keys of values in ``/diagnostics`` that other nodes read.
 
     - FAILURE: what went wrong in a node that must not, a defect; the supervisor stops the robot.
+    - CELLS_UNEXPLAINED: by `mass_estimator`, how much of the load cells' sum no payload explains, as a multiple of what
+      is allowed; empty while nothing is compared.
     """
 
     FAILURE = "failure"
+    CELLS_UNEXPLAINED = "cells_unexplained"
 
 
 class CellCheck(StrEnum):

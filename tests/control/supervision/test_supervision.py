@@ -34,6 +34,7 @@ LIMITS = SupervisionLimits(
     workspace_margin=0.05,
     transmission_ratio=PAY_OUT,
     motor_inertia=INERTIA,
+    motor_torque=10.0,
     tension_difference=200.0,
     tension_difference_time=0.3,
     stuck_time=1.0,
@@ -449,7 +450,49 @@ def test_a_load_cell_that_its_motor_contradicts(rig, error):
     assert rig.step(1.0) == []
     rig.tensions[5] = 400.0 + error
     assert rig.step(0.2) == []
-    rig.assert_controlled_stop(rig.step(0.2), FaultKind.LOAD_CELL, "cable_6")
+    rig.assert_controlled_stop(
+        rig.step(0.2), FaultKind.TORQUE, "load cell of cable_6, or polarity, rated torque, gear"
+    )
+
+
+@pytest.mark.parametrize(
+    ("unexplained", "kind", "text"),
+    [
+        (3.0, FaultKind.LOAD_CELL, "the balance of the platform contradicts the load cell of cable_6"),
+        (
+            0.2,
+            FaultKind.TORQUE,
+            "fits the load cell, so polarity, rated torque, gear, brake or friction of motor_6",
+        ),
+    ],
+)
+def test_the_balance_tells_which_of_the_two_it_is(rig, unexplained, kind, text):
+    rig.enabled()
+    rig.supervisor.checks.observe_balance(rig.time, unexplained)
+    rig.tensions[5] = 400.0 + 210.0
+    assert rig.step(0.2) == []
+    rig.assert_controlled_stop(rig.step(0.2), kind, text)
+
+
+@pytest.mark.parametrize(
+    ("torque", "tension", "text"),
+    [
+        (
+            -10.0,
+            300.0,
+            "its torque at the limit of 10 N m, and its cable carries 300 N: its winch or brake is blocked",
+        ),
+        (-10.0, 2900.0, "an obstacle, or a load too heavy for it"),
+        (-0.1, 400.0, "its torque -0.1 of 10 N m: its gains, its controller or its drive let go"),
+    ],
+)
+def test_a_motor_that_is_behind_is_named_with_what_keeps_it(rig, torque, tension, text):
+    rig.enabled()
+    rig.angles[2] = 1.5
+    rig.torques[2], rig.tensions[2], rig.stuck[2] = torque, tension, True  # without noise
+    rig.step(0.15)
+    assert str(rig.supervisor.fault).startswith("following error: motor_3 is -1.50 rad behind, limit 1 rad, ")
+    assert str(rig.supervisor.fault).endswith(text)
 
 
 def test_what_accelerates_a_winch_contradicts_no_load_cell(rig):
@@ -459,7 +502,7 @@ def test_what_accelerates_a_winch_contradicts_no_load_cell(rig):
     rig.torques += INERTIA * rig.desired_accelerations  # 375 N at the cable
     assert rig.step(1.0) == []
     rig.tensions[5] = 400.0 + 210.0
-    rig.assert_controlled_stop(rig.step(0.4), FaultKind.LOAD_CELL, "its motor corresponds to 400 N")
+    rig.assert_controlled_stop(rig.step(0.4), FaultKind.TORQUE, "its motor corresponds to 400 N")
 
 
 def test_a_jump_of_the_desired_speed_contradicts_no_load_cell_for_long(rig):
@@ -698,3 +741,34 @@ def test_lasting_violation_is_per_member():
     assert watch.update(0.9, [True, True]) == 1
     watch.clear()
     assert watch.update(1.0, [True, True]) is None
+
+
+def test_a_brake_that_slips_at_rest_is_a_fault_at_once_with_how_far_it_has_by_now(rig):
+    rig.step()
+    rig.supervisor.brake_problem = "motor_3 has turned by +0.6 rad"
+    rig.drives = DriverState.FAULT
+    rig.assert_fault(rig.step(), FaultKind.BRAKE, "motor_3 has turned by +0.6 rad")
+    rig.supervisor.brake_problem = "motor_3 has turned by +9.0 rad"
+    rig.step()
+    assert str(rig.supervisor.fault) == "brake slips: motor_3 has turned by +9.0 rad"
+    assert rig.supervisor.reset(rig.time).accepted
+    rig.drives, rig.supervisor.brake_problem = DriverState.DISABLED, ""
+    rig.step()
+    assert rig.state is RobotState.DISABLED
+    assert rig.supervisor.fault is None
+
+
+def test_a_brake_that_slips_after_a_fault_is_told_besides_it(rig):
+    rig.enabled()
+    rig.drives, rig.cause = DriverState.FAULT, "emergency stop"
+    rig.step()
+    for angle in (0.6, 12.0):
+        rig.supervisor.brake_problem = f"motor_3 has turned by {angle} rad"
+        rig.step()
+        assert str(rig.supervisor.fault) == (
+            f"drive fault: emergency stop; then brake slips: motor_3 has turned by {angle} rad"
+        )
+    rig.supervisor.reset(rig.time)
+    rig.supervisor.answered(rig.time, Action.RESET_DRIVES, False, "not stopped yet")
+    rig.step()
+    assert "the drives were not reset: not stopped yet; then brake slips" in str(rig.supervisor.fault)

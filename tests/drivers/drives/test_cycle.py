@@ -341,3 +341,51 @@ def test_drives_at_rest_get_their_frame_often_enough(robot):
         assert max(later - earlier for earlier, later in itertools.pairwise(times)) < 0.5 * limit
         assert robot.now - times[-1] < 0.5 * limit
         assert {data for _, data in frames} == {"00 00 00 00"}  # disable voltage, no torque
+
+
+def slip(robot, index, increments, cycles=3):
+    for _ in range(cycles):
+        robot.stepped[index] = robot.stepped.get(index, 0) + increments
+        robot.turn(1.0)
+
+
+def test_a_brake_that_slips_at_rest_is_a_fault_with_how_far_so_far(robot):
+    for _ in range(30):
+        robot.turn(1.0)
+    assert robot.cycle.group.state is DriverState.DISABLED
+    slip(robot, 2, 10_000)  # 1.4 rad
+    group = robot.cycle.group
+    assert group.state is DriverState.FAULT
+    assert group.cause == (
+        "motor_3 turns with its brake closed, by +1.0 rad so far: its brake slips, or its encoder"
+    )
+    slip(robot, 2, 10_000)
+    assert group.drives[2].slipped == pytest.approx(2.9)
+    assert not any(drive.slipped for drive in group.drives[:2] + group.drives[3:])
+    refused = robot.cycle.fault_reset(robot.now)
+    assert refused == "not stopped yet: motor_3 turns with its brake closed: support the load"
+    for _ in range(60):
+        robot.turn(1.0)
+    assert robot.cycle.fault_reset(robot.now) is None
+    robot.turn(1.0)
+    robot.turn(1.0)
+    assert group.state is DriverState.DISABLED
+    assert group.drives[2].slipped == 0.0
+
+
+def test_a_brake_that_slips_after_a_fault_is_told_besides_its_cause(enabled):
+    enabled.cycle.quick_stop(enabled.now, "a test")
+    enabled.status = [AT_REST] * enabled.count
+    for _ in range(30):
+        enabled.turn(1.0)
+    slip(enabled, 0, 10_000)
+    assert enabled.cycle.group.cause.startswith("a test; motor_1 turns with its brake closed, by ")
+
+
+def test_another_home_is_no_slip(robot):
+    for _ in range(30):
+        robot.turn(1.0)
+    robot.cycle.set_home([1_000_000] * robot.count)
+    for _ in range(30):
+        robot.turn(1.0)
+    assert robot.cycle.group.state is DriverState.DISABLED

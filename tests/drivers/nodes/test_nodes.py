@@ -160,6 +160,7 @@ def test_enable_move_disable(bench, drives, far_end):
         "remedy": "",
         "statusword": "0x5037",
         "emergency_stop": "",
+        "slipped_rad": "",
         "unavailable": "",
     }
     far_end.drives[0].counts = 131072

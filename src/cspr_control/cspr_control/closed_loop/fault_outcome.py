@@ -18,7 +18,7 @@ PAYLOAD = 200.0  # kg on a platform of 153 kg
 LARGEST_DROP = 0.020  # m
 _WAY = 0.6  # m along x, of a robot that moves
 _HOLDING = 1.0  # s for which a robot that is held still has been enabled
-_SETTLING = 0.2  # s for which the robot is watched after the brakes hold
+_SETTLING = 0.2  # s for which the robot is watched after what was harmless, or was repaired
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def _run(loop: RobotLoop, scenario: FaultScenario) -> Outcome:
     while not (closed_at and loop.state is RobotState.FAULT):
         time.wait(0.01)
         _require(time.monotonic() - begin < scenario.lasts, f"not over after {scenario.lasts:g} s", loop)
-    time.wait(_SETTLING)
+    time.wait(scenario.settling)
     robot.on_tick = lambda: None
     _require_held(loop, scenario)
     _require(bool(onset), "it has not happened", loop)

@@ -52,6 +52,8 @@ class FaultScenario:
         Whether it can happen to a robot that moves, and to one that is held still, and shows there.
     lasts
         Longest time until the brakes hold, s.
+    settling
+        Time from closed brakes until nothing moves any more, s.
     rest
         Time for the estimate of the payload to recover before the operator enables again, s.
     harms_tension
@@ -71,6 +73,7 @@ class FaultScenario:
     moving: bool = True
     held: bool = True
     lasts: float = 2.0
+    settling: float = 0.2
     rest: float = 0.1
     harms_tension: bool = False
     harmless: bool = False
@@ -136,6 +139,16 @@ def _lift_what_is_caught(loop: RobotLoop) -> None:
     slow = replace(loop.player.limits, speed=0.05)
     up = np.array([0.0, 0.0, 0.3])
     loop.play(lambda here: PointToPoint(here, Pose(here.position + up, here.rotation), slow))
+
+
+def _brake_closed(loop: RobotLoop) -> list[bool]:
+    return [not device.automaton.brake_open for device in loop.machine.devices]
+
+
+def _stop_on_a_bad_brake(loop: RobotLoop) -> None:
+    """Let a brake hold too little, and stop the robot as the operator does: the load ends up on that brake."""
+    loop.machine.faults.inject(FaultOrder(InjectedFault.BRAKE_SLIP, _PLACE))
+    loop.order("/supervisor/stop")
 
 
 def _answer_again(loop: RobotLoop) -> None:
@@ -228,8 +241,16 @@ SCENARIOS = (
         towards=-1.0,
         held=False,
     ),
+    FaultScenario(
+        InjectedFault.BRAKE_SLIP.value,
+        _stop_on_a_bad_brake,
+        "brake slips: motor_3 has turned",
+        onset=lambda loop: any(_brake_closed(loop)),
+        settling=1.5,
+        **_DRUM_TURNS,
+    ),
     _injected(InjectedFault.ENCODER_FROZEN, "encoder of motor_3", held=False),
-    _injected(InjectedFault.ENCODER_DRIFT, "motor_3"),
+    _injected(InjectedFault.ENCODER_DRIFT, "motor_3", rest=1.0),  # it drifts on while its brake is closed
     FaultScenario("controller_no_torque", _answer(lambda torque: 0.0), "motor_3", **_DRUM_TURNS),
     _injected(InjectedFault.ENCODER_JUMP, "motor_3: its position steps by"),
     # the counter ends after 8 revolutions, which the motion makes

@@ -23,7 +23,7 @@ from cspr_msgs_py.topics import (
     ROBOT_STATE,
     Topic,
 )
-from cspr_msgs_py.vocabulary import UNDER_TORQUE, CellCheck, Level, RobotState
+from cspr_msgs_py.vocabulary import UNDER_TORQUE, CellCheck, HealthKey, Level, RobotState
 from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import InertiaSample, Status, WrenchSample
 
@@ -143,6 +143,7 @@ class PayloadComponent(Component):
         held = estimate.held
         if held is not Held.NO_CYCLE and now - self._arrived > estimator.settings.input_timeout:
             held = Held.STALE
+        compared = held is None or held is Held.DOUBT
         level, text = Level.OK, "estimating"
         if held is not None:
             level, text = Level.WARN, f"the estimate is held: {held.value}"
@@ -166,7 +167,7 @@ class PayloadComponent(Component):
             "cell_excluded": ""
             if (cell := estimator.cells.verdict.excluded) is None
             else f"cable_{cell + 1}",
-            "cells_unexplained": f"{estimator.cells.unexplained:.3f}",
+            HealthKey.CELLS_UNEXPLAINED.value: f"{estimator.cells.unexplained:.3f}" if compared else "",
             "length_misfit": f"{estimate.length_misfit:.6f}",
             "length_misfit_rms": f"{estimator.lengths.rms:.6f}" if estimator.lengths.places else "",
             "unpaired_messages": self._pairs.unpaired,

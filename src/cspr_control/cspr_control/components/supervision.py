@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar
 
@@ -296,7 +297,21 @@ class SupervisionComponent(Component):
             return NOTHING
         self._configuration = status.values.get("configuration", "")
         self.supervisor.observe_drives(now, drives, status.values.get("cause", ""))
+        self.supervisor.brake_problem = self._slips(sample)
         return self.update(now)
+
+    def _slips(self, sample: StatusArray) -> str:
+        """Return which motors turn with their brakes closed, and by how much cable, in words."""
+        slips = []
+        for status in sample.statuses:
+            if angle := status.values.get("slipped_rad", ""):
+                try:
+                    paid_out = 1e3 * self._robot.winch.transmission_ratio * float(angle)
+                except ValueError:
+                    self.refuse(DRIVE_STATES, f"{status.name}: slipped_rad is {angle!r}")
+                    continue
+                slips.append(f"{status.name} has turned by {angle} rad, {paid_out:+.0f} mm of cable")
+        return f"{'; '.join(slips)}, with its brake closed" if slips else ""
 
     def on_diagnostics(self, now: float, sample: StatusArray) -> Outputs:
         """Note which nodes of the graph are alive, and what has gone wrong in them; then run the checks at once."""
@@ -306,6 +321,9 @@ class SupervisionComponent(Component):
                 failure = status.values.get(HealthKey.FAILURE, "")
                 self.supervisor.checks.observe_node(now, status.name, failure)
                 failed = failed or bool(failure)
+            if unexplained := status.values.get(HealthKey.CELLS_UNEXPLAINED, ""):
+                with suppress(ValueError):
+                    self.supervisor.checks.observe_balance(now, float(unexplained))
         return self.update(now) if failed else NOTHING
 
     def on_load_cell_states(self, now: float, sample: StatusArray) -> Outputs:

@@ -30,6 +30,8 @@ _LEVERS = np.array(
 _MARGIN = (
     4.0  # squared standard deviations by which a cell must explain more than a push, and than any other cell
 )
+_FITS = 3.0  # standard deviations within which both know the same error
+_ERROR_SHARE = 0.1  # of an error, by which pose and delays may change it
 _AGREEMENT = 0.5  # share of the tolerance within which a cell that was left out agrees with the others again
 
 
@@ -187,7 +189,10 @@ class CellMonitor:
         columns = 3.0 * wrench_matrix[_SPARE] / self._tolerance()[:, None]
         error = spare @ columns / np.einsum("ij,ij->j", columns, columns)
         left = ((spare[:, None] - columns * error) ** 2).sum(axis=0)
-        gain = (difference**2 - (difference - error) ** 2) / variance - left
+        unexplained = (difference - error) ** 2
+        gain = (difference**2 - unexplained) / variance - left
+        # A cell is wrong by the same in both: else the motor does not hold what it applies, and its cell is right.
+        gain = np.where(unexplained <= _FITS**2 * (variance + (_ERROR_SHARE * error) ** 2), gain, -math.inf)
         # Where a cable is slack its column says nothing, unless it is the reading that is wrong.
         slack = tensions < self.settings.slack_tension
         if slack.any():

@@ -129,6 +129,7 @@ def supervision_limits(robot: Robot, values: Mapping[str, Any]) -> SupervisionLi
         "workspace_max": tuple(robot.workspace_max.tolist()),
         "transmission_ratio": robot.winch.transmission_ratio,
         "motor_inertia": robot.motor.inertia,
+        "motor_torque": robot.motor.torque_limit,
         "balance": _of(BalanceSettings, values),
     }
     given = {name: values[name] for name in of_robot if name in values}

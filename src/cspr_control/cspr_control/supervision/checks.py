@@ -13,6 +13,7 @@ from cspr_control.estimation.stuck import StuckReadings
 from cspr_control.supervision.balance_check import BalanceSettings
 from cspr_control.supervision.debounce import Debounce
 from cspr_control.supervision.slack_cables import slack_problem
+from cspr_control.supervision.torque_check import AT_LIMIT, Contradiction
 from cspr_kinematics import Robot, way_outside
 from cspr_msgs_py.topics import graph_topics
 from cspr_msgs_py.wire.joint_state import JointStateSample
@@ -50,6 +51,7 @@ class FaultKind(StrEnum):
     LOAD_CELL = "load cell not plausible"
     LENGTHS = "cable lengths fit no pose"
     PUBLISHERS = "two publishers"
+    BRAKE = "brake slips"
     TORQUE = "torque fits no tension"
     CONFIGURATION = "wrong configuration"
     RECORDING = "recording failed"
@@ -82,6 +84,12 @@ class Fault:
 _FAILURE_LASTS = 1.5
 """Time for which a node counts as failed after it has said so, s: one that goes on failing says so every second."""
 
+_BALANCE_LASTS = 2.5
+"""Time for which the word of `mass_estimator` on the balance counts, s: it comes every second."""
+
+_FELT = 0.5
+"""Share of its motor's torque limit that a cable feels at least, unless something holds the winch."""
+
 _AT_REST = 2.0  # rad/s of the motor: 3 mm/s of cable
 
 _CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE)
@@ -110,6 +118,8 @@ class SupervisionLimits:
         Corners (3,) of the box that the platform must not leave, m in base.
     workspace_margin
         How far out of it still counts as in it, m; and how much further out a robot may go that was enabled outside.
+    motor_torque
+        Largest torque of a motor, N m.
     transmission_ratio, motor_inertia
         Cable paid out by an angle of the motor, m/rad, and inertia at its shaft, kg m^2; relate torque and tension.
     stuck_time
@@ -139,6 +149,7 @@ class SupervisionLimits:
     workspace_margin: float
     transmission_ratio: float
     motor_inertia: float
+    motor_torque: float
     tension_difference: float
     tension_difference_time: float
     stuck_time: float
@@ -180,6 +191,7 @@ class SupervisionChecks:
         self._oriented = True
         self._outside_when_enabled = np.zeros(3)
         self._tensions = np.full(count, np.nan)
+        self._balanced, self._unexplained = -math.inf, math.nan
         self._stuck = StuckReadings(count)
         self._tension_min, self._tension_max = map(np.array, (limits.tension_min, limits.tension_max))
         self._following_error = np.full(count, limits.following_error)
@@ -211,6 +223,10 @@ class SupervisionChecks:
         """Store measured motor angles, rad, speeds, rad/s, and torques, N m. (m,) each."""
         self.observe_arrival(MonitoredInput.MOTOR_STATES, time)
         self._measured = sample
+
+    def observe_balance(self, time: float, unexplained: float) -> None:
+        """Note how much of the cells' sum no payload explains, as a multiple of what is allowed."""
+        self._balanced, self._unexplained = time, unexplained
 
     def observe_node(self, time: float, name: str, failure: str = "") -> None:
         """Note that a node has said how it is, and what has gone wrong in it."""
@@ -352,11 +368,26 @@ class SupervisionChecks:
             worst = self._watches[kind].update(time, ~within)
             if worst is not None:
                 detail = text.format(worst + 1, values[worst], limit[worst])
+                if kind is FaultKind.FOLLOWING_ERROR:
+                    detail += self._why_behind(worst)
                 faults.append(Fault(kind, detail, controlled=kind is FaultKind.TENSION_LOW))
         return faults
 
+    def _why_behind(self, motor: int) -> str:
+        """Return what keeps a motor from its set-point, by its torque and what its cable carries."""
+        torque, carried = self._limits.motor_torque, self._tensions[motor]
+        if not self._at_limit()[motor]:
+            applied = self._measured.effort[motor]
+            return f", its torque {applied:z.1f} of {torque:g} N m: its gains, its controller or its drive let go"
+        blocked = abs(carried) * self._limits.transmission_ratio < _FELT * torque
+        why = "its winch or brake is blocked" if blocked else "an obstacle, or a load too heavy for it"
+        return f", its torque at the limit of {torque:g} N m, and its cable carries {carried:z.0f} N: {why}"
+
+    def _at_limit(self) -> NDArray[np.bool_]:
+        return np.asarray(np.abs(self._measured.effort) >= AT_LIMIT * self._limits.motor_torque)
+
     def _implausible_cells(self, time: float) -> list[Fault]:
-        """Return the load cell that its motor contradicts, and one that is stuck.
+        """Return the load cell or the motor where they contradict each other, and a cell that is stuck.
 
         What accelerates the winch does not reach the cable. The set-point says how much that is: its differences have
         no noise, and where it jumps, which no motor follows, they are wrong for one sample.
@@ -364,15 +395,17 @@ class SupervisionChecks:
         limits, tensions = self._limits, self._tensions
         accelerating = limits.motor_inertia * self._desired_acceleration
         torque_tensions = (accelerating - self._measured.effort) / limits.transmission_ratio
-        difference = tensions - torque_tensions
-        watch = self._watches[FaultKind.LOAD_CELL]
-        cable = watch.update(time, ~(np.abs(difference) <= limits.tension_difference))
+        beyond = ~(np.abs(tensions - torque_tensions) <= limits.tension_difference)
+        cable = self._watches[FaultKind.LOAD_CELL].update(time, beyond)
         if cable is not None:
+            unexplained = self._unexplained if time - self._balanced <= _BALANCE_LASTS else math.nan
+            known = Contradiction(tensions, torque_tensions, beyond, self._at_limit(), unexplained)
+            of_cell, culprit = known.culprit(cable)
             detail = (
                 f"cable_{cable + 1} shows {tensions[cable]:z.0f} N, the torque of its motor corresponds to "
-                f"{torque_tensions[cable]:z.0f} N; allowed difference {limits.tension_difference:g} N"
+                f"{torque_tensions[cable]:z.0f} N; allowed difference {limits.tension_difference:g} N: {culprit}"
             )
-            return [Fault(FaultKind.LOAD_CELL, detail, controlled=True)]
+            return [Fault(FaultKind.LOAD_CELL if of_cell else FaultKind.TORQUE, detail, controlled=True)]
         source = MonitoredInput.CABLE_TENSIONS
         fresh = self.age(source, time) <= limits.max_ages[source]
         stuck = self._stuck.longest(time, limits.stuck_time)

@@ -86,6 +86,8 @@ class Supervisor:
         Which topics have more than one publisher, as their messages show; likewise.
     doubled_topics
         Which topics have them, though nothing shows of it yet; likewise.
+    brake_problem
+        Which motors turn with their brakes closed, and how far; likewise.
     balance_problem
         Why the tensions fit no load, while the brakes are closed; likewise.
     torque_problem
@@ -119,10 +121,11 @@ class Supervisor:
         self._resetting = False
         self.recording_problem = ""
         self.load_cell_problem = self.load_cell_doubt = self.length_problem = self.publisher_problem = ""
+        self.slack_problem = self.doubled_topics = self.brake_problem = ""
+        self._before_slip: Fault | None = None  # what was latched when a brake began to slip
         self.balance_problem = self.torque_problem = self.unverified = self.verification_problem = ""
         self.verifying = self.verification_complete = False
         self._asked_to_move = self._moves = False
-        self.slack_problem = self.doubled_topics = ""
         self.behind = np.zeros(count)
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
@@ -238,7 +241,10 @@ class Supervisor:
             self._fail(time, Fault(FaultKind.DRIVE_STATE, f"the drives refused to disable: {message}"))
         elif action is Action.RESET_DRIVES and self._resetting:
             self._resetting = False
-            self.fault = Fault(FaultKind.DRIVE_FAULT, f"the drives were not reset: {message}")
+            self.fault, self._before_slip = (
+                Fault(FaultKind.DRIVE_FAULT, f"the drives were not reset: {message}"),
+                None,
+            )
 
     def fail(self, time: float, problem: str) -> None:
         """Latch that the supervisor itself cannot be relied on, and stop the drives."""
@@ -249,6 +255,7 @@ class Supervisor:
         """Run the checks and return what is to be done, in this order."""
         if self.state is RobotState.FAULT:
             self._update_fault(time)
+            self._tell_slip()
         else:
             fault = self._find_fault(time)
             if fault is not None and fault.controlled and self.state is not RobotState.ENABLING:
@@ -281,7 +288,18 @@ class Supervisor:
             self.verification_complete = self.phase is TrajectoryPhase.FINISHED
             self._stop_along_path(time)
 
+    def _tell_slip(self) -> None:
+        """Say of a brake that slips how far it has by now, besides what was latched before."""
+        if not self.brake_problem or self.fault is None:
+            return
+        if self.fault.kind is not FaultKind.BRAKE and self._before_slip is None:
+            self._before_slip = self.fault
+        slip, first = Fault(FaultKind.BRAKE, self.brake_problem), self._before_slip
+        self.fault = slip if first is None else Fault(first.kind, f"{first.detail}; then {slip}")
+
     def _find_fault(self, time: float) -> Fault | None:
+        if self.brake_problem:
+            return Fault(FaultKind.BRAKE, self.brake_problem)
         if self._drives is DriverState.FAULT:
             cause = self._drives_cause or "reported by the driver without a cause"
             return Fault(FaultKind.DRIVE_FAULT, cause)
@@ -358,7 +376,7 @@ class Supervisor:
                 self._quick_stop_time = time
                 self._actions.append(Action.QUICK_STOP)
         elif self._resetting and self._drives in (DriverState.DISABLED, DriverState.NOT_READY):
-            self.fault = None
+            self.fault = self._before_slip = None
             self._enter(RobotState.DISABLED, time)
         elif self._resetting and time - self._since > self._limits.drive_timeout:
             self._resetting = False

@@ -135,6 +135,8 @@ class CanValues:
         When a load cell counts as stuck.
     torque_check
         When a drive counts as one that does not apply its torque.
+    largest_brake_slip
+        Angle by which a motor with a closed brake may turn, rad.
     winding
         How a single winch is wound.
     timeouts
@@ -154,6 +156,7 @@ class CanValues:
     option_codes: OptionCodes
     load_cell_checks: LoadCellChecks
     torque_check: TorqueCheck
+    largest_brake_slip: Positive = 0.5
     winding: WindingLimits = WindingLimits()
     timeouts: Timeouts
     allowed_drop: Annotated[float, Meta(gt=0.0, le=1.0)] = ALLOWED_DROP

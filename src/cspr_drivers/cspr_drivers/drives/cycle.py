@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+from cspr_drivers.brakes.brake_watch import BrakeWatch
 from cspr_drivers.canopen import frame_table
 from cspr_drivers.canopen.cia402 import decode_state
 from cspr_drivers.canopen.emergency import Emergency
@@ -76,6 +77,7 @@ class DriveCycle:
         self.defect = ""
         self._rpdos = [TorqueFrame(config, drive) for drive in config.drives]
         self._torque_watch = TorqueWatch(count, config.torque_check)
+        self._brakes = BrakeWatch(count, config.largest_brake_slip)
         heartbeat = cob_id(FunctionCode.HEARTBEAT, config.master_node_id)
         self._heartbeats = [Frame(bus.name, heartbeat, bytes([NmtState.OPERATIONAL])) for bus in config.buses]
         self._heartbeat_due = 0.0
@@ -120,6 +122,7 @@ class DriveCycle:
         self.group.step(now)
         if self._feedback.disbelieved and self.group.state is not DriverState.FAULT:
             self._feedback.begin_anew()  # the operator has reset the fault
+            self._brakes.clear()
         self._wind(now)
         deadline = now + self.config.period
         known = [drive.state is not None for drive in self.group.drives]
@@ -154,6 +157,9 @@ class DriveCycle:
         name, feedback = self.config.drives[index].name, self._feedback
         if problem := feedback.measured(index, position, torque, self._sync_time):
             self.group.quick_stop(f"{name}: {problem}", now)
+        if index not in feedback.disbelieved:
+            held = self.group.drives[index].held
+            self.group.slips(index, self._brakes.observe(index, now, feedback.angles[index], held), now)
         applied, operates = feedback.torques[index], self.group.operates(index)
         if problem := self._torque_watch.answered(index, applied, now, operates):
             self.group.quick_stop(f"{name} {problem}", now)
@@ -358,7 +364,13 @@ class DriveCycle:
 
     def fault_reset(self, now: float, index: int | None = None) -> str | None:
         """Begin to reset faults of the drives and the latched cause, or that of one drive; return why not."""
-        return self.defect or self.group.fault_reset(now, index)
+        moving = [self.config.drives[k].name for k in self._brakes.moving(now)]
+        if moving:
+            return f"not stopped yet: {', '.join(moving)} turns with its brake closed: support the load"
+        refusal = self.defect or self.group.fault_reset(now, index)
+        if refusal is None and index is None:
+            self._brakes.clear()
+        return refusal
 
     def home_refusal(self, now: float) -> str | None:
         """Return why the present pose cannot become the home pose, or `None`.
@@ -401,6 +413,7 @@ class DriveCycle:
 
     def set_home(self, counts: Sequence[int]) -> None:
         """Let the motor angles be zero at other position values (m)."""
+        self._brakes.clear()
         self.config = with_home(self.config, counts)
         self._feedback.use(self.config)
 

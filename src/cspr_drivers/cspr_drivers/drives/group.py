@@ -121,6 +121,21 @@ class DriveGroup:
         elif not self.cause.startswith("emergency stop"):
             self.explain(cause, time)  # a drive that stops by itself may say so before its input does
 
+    def slips(self, index: int, angle: float, time: float) -> None:
+        """Process how far a motor has turned with its brake closed, rad; 0 when it holds. A fault at rest too."""
+        drive = self._drives[index]
+        angle = round(angle, 1)
+        if angle == drive.slipped:
+            return
+        self._drives[index] = replace(drive, slipped=angle)
+        if angle and not drive.slipped:
+            turned = f"turns with its brake closed, by {angle:+.1f} rad so far"
+            cause = f"{drive.name} {turned}: its brake slips, or its encoder"
+            if self.state is DriverState.FAULT and not self._clearing:
+                self.cause += f"; {cause}"
+            else:
+                self.quick_stop(cause, time)
+
     def commanded(self, index: int, time: float) -> None:
         """Note that an acceptable torque command for a drive arrived."""
         self._commanded[index] = time

@@ -24,6 +24,8 @@ class DriveStatus:
         That it has reported by emergency messages and not withdrawn.
     emergency_stop
         Whether its input for the emergency stop is active.
+    slipped
+        How far its motor has turned with the brake closed, rad, if the brake slips; else 0.
     """
 
     name: str
@@ -33,6 +35,7 @@ class DriveStatus:
     brake_open: bool = False
     errors: ActiveErrors = ()
     emergency_stop: bool = False
+    slipped: float = 0.0
 
     @property
     def state_name(self) -> str:

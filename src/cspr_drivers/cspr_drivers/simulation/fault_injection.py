@@ -60,6 +60,7 @@ class InjectedFault(Enum):
     SHORT_SDO = "short_sdo", "it boots, as after a failure of its supply, and its SDO answers are cut off"
     DUPLICATE_NODE = "duplicate_node", "another drive with its node id answers as well"
     BRAKE_WEAK = "brake_weak", "the brake holds a twentieth of its torque from the next time it closes"
+    BRAKE_SLIP = "brake_slip", "the brake holds no more than a twentieth of its torque, closed or not"
     LOAD_CELL_SILENT = "load_cell_silent", "its amplifier is unplugged"
     LOAD_CELL_SATURATED = "load_cell_saturated", "its amplifier reports overload"
     LOAD_CELL_STUCK = "load_cell_stuck", "its value no longer changes"
@@ -278,6 +279,9 @@ class FaultInjector:
             case InjectedFault.BRAKE_WEAK:
                 plant.weaken_brake(index, _WEAK_BRAKE)
                 return partial(plant.weaken_brake, index, 1.0)
+            case InjectedFault.BRAKE_SLIP:
+                self._weaken_brake(index, _WEAK_BRAKE)
+                return partial(self._weaken_brake, index, 1.0)
             case InjectedFault.LOAD_CELL_DRIFTING:
                 cell = self.load_cells[index]
                 assert isinstance(cell, LoadCellEmulator)  # `read` refuses it for others
@@ -298,6 +302,11 @@ class FaultInjector:
                 assert self.kill_supervisor is not None  # `read` refuses it otherwise
                 return self.kill_supervisor()
         return None
+
+    def _weaken_brake(self, index: int, share: float) -> None:
+        self.machine.advance(self.machine.now())
+        self.machine.plant.weaken_brake(index, share)
+        self.drives[index].apply_brake()
 
     def _stop_by_emergency(self, active: bool) -> None:
         for drive in self.drives:

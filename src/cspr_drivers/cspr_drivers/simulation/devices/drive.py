@@ -258,6 +258,10 @@ class DriveEmulator(EmulatedNode):
         with self._at_present():
             pass
 
+    def apply_brake(self) -> None:
+        """Let the plant's brake hold what it holds now, if it is closed."""
+        self._machine.plant.set_brake(self._index, self._outputs[2])
+
     @contextmanager
     def _at_present(self) -> Iterator[float]:
         """Hold the machine at the present plant time, s, and give it what the drive has become by then."""
