@@ -581,7 +581,8 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
     ):
         serve(name)
     drives = ["disabled"]
-    tensions = [np.full(COUNT, 400.0)]
+    tensions = [robot.home_tensions]
+    torques = robot.winch.motor_torque(robot.home_tensions)
     begin = time.monotonic()
 
     def state():
@@ -589,7 +590,7 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
 
     def cycle():
         stamp = STAMP + round((time.monotonic() - begin) * 1e9)
-        bench.publish(topics.MOTOR_STATES, MOTORS.encode(stamp, ZERO, ZERO, ZERO))
+        bench.publish(topics.MOTOR_STATES, MOTORS.encode(stamp, ZERO, ZERO, torques))
         bench.publish(topics.REFERENCE, reference_message(Motion.at_rest(robot.home), stamp))
         bench.publish(topics.SETPOINT, MOTORS.encode(stamp, ZERO, ZERO, ZERO))
         bench.publish(topics.CABLE_TENSIONS, CABLES.encode(stamp, effort=tensions[0]))
