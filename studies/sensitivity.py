@@ -79,7 +79,8 @@ QUICKLY = {
 UNCALIBRATED = {
     # m: nothing says by how much the lengths may fit badly, nor how well the balance holds
     "supervisor": {"length_misfit": 0.01, "cell_accuracy": 0.1, "weight_accuracy": 0.1},
-    "mass_estimator": {"cell_tolerance": 1000.0},  # N: nor by how much tensions and motors may disagree
+    # N, s, the most there is: nor by how much tensions and motors may disagree
+    "mass_estimator": {"cell_tolerance": 60.0, "cell_confirmation": 1.0},
 }
 WATCHED = 250  # cycles at the end
 

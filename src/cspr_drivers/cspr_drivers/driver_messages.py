@@ -15,7 +15,11 @@ from cspr_drivers.load_cells.master import NO_SYNC, LoadCellReport
 from cspr_msgs_py.vocabulary import DriverState, Level
 from cspr_msgs_py.wire.samples import Status
 
-_LEVELS = {DriverState.FAULT: Level.ERROR, DriverState.NOT_READY: Level.WARN}
+_LEVELS = {
+    DriverState.FAULT: Level.ERROR,
+    DriverState.HELD_BY_DRIVES: Level.ERROR,
+    DriverState.NOT_READY: Level.WARN,
+}
 
 
 def drive_states(report: DriveReport) -> list[Status]:
@@ -106,6 +110,7 @@ def _driver_diagnostics(report: DriveReport) -> Status:
         "worst_sync_lateness_us": round(1e6 * report.worst_lateness),
         "time_set_by_s": round(report.time_set_by, 3),
         "last_winding": report.last_winding,
+        "brake_proof": report.brake_proof,
     }
     if not report.clock_running:
         return Status.of("can_drives", Level.ERROR, "no SYNC is sent", values)

@@ -48,6 +48,7 @@ class RobotState(StrEnum):
     - ENABLING: the drives were told to enable.
     - ENABLED: the motors follow their set-points.
     - STOPPING: the trajectory comes to rest, then the brakes close; after a fault, FAULT follows.
+    - HELD_BY_DRIVES: a brake does not hold: brakes closed, and the drives keep their torque.
     - FAULT: the drives were stopped; the cause is latched until the operator resets it.
     """
 
@@ -55,13 +56,16 @@ class RobotState(StrEnum):
     ENABLING = "enabling"
     ENABLED = "enabled"
     STOPPING = "stopping"
+    HELD_BY_DRIVES = "held by drives"
     FAULT = "fault"
 
 
-FOLLOWING = frozenset({RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING})
+FOLLOWING = frozenset(
+    {RobotState.ENABLING, RobotState.ENABLED, RobotState.STOPPING, RobotState.HELD_BY_DRIVES}
+)
 """States in which the motors follow, or are about to follow, the reference."""
 
-UNDER_TORQUE = frozenset({RobotState.ENABLED, RobotState.STOPPING})
+UNDER_TORQUE = frozenset({RobotState.ENABLED, RobotState.STOPPING, RobotState.HELD_BY_DRIVES})
 """States in which the motors carry the cables: brakes open, or closing under torque."""
 
 
@@ -73,7 +77,8 @@ class DriverState(StrEnum):
     - WINDING: one winch is wound for a moment, at the operator's command, all others braked.
     - ENABLING: on the way to enabled; the brakes open last, and together.
     - ENABLED: brakes open, torque at the shafts, of all drives or of those enabled singly.
-    - STOPPING: brakes are closing, under torque.
+    - STOPPING: brakes are closing, under torque, and are tested where the host commands them.
+    - HELD_BY_DRIVES: a brake has failed its test: brakes closed, and all drives keep their torque.
     - FAULT: quick stop, latched until reset.
     """
 
@@ -83,6 +88,7 @@ class DriverState(StrEnum):
     ENABLING = "enabling"
     ENABLED = "enabled"
     STOPPING = "stopping"
+    HELD_BY_DRIVES = "held by drives"
     FAULT = "fault"
 
 

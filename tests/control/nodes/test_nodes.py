@@ -581,7 +581,7 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
     ):
         serve(name)
     drives = ["disabled"]
-    tensions = [robot.home_tensions]
+    tensions = [robot.home_tensions]  # they hold the platform
     torques = robot.winch.motor_torque(robot.home_tensions)
     begin = time.monotonic()
 

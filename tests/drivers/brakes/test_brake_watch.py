@@ -53,6 +53,13 @@ def test_a_brake_that_closes_on_a_motor_in_motion_may_stop_it():
     assert abs(shaft.turn(10.0, 0.1)) > 0.5
 
 
+def test_an_encoder_that_steps_and_stands_still_is_no_slip():
+    shaft = Shaft()
+    shaft.turn(0.0, 1.0)
+    shaft.angle += 1.5
+    assert shaft.turn(0.0, 100.0) == 0.0
+
+
 def test_what_creeps_in_days_is_no_slip():
     assert Shaft().turn(0.005, 200.0) == 0.0
 

@@ -3,11 +3,13 @@
 import itertools
 import math
 import struct
+from dataclasses import replace
 
 import pytest
 
 from cspr_drivers.canopen.units import wrapped
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.config.can_file import BrakeOutput
 from cspr_drivers.devices.setup import DriveFacts
 from cspr_drivers.drives.cycle import DriveCycle
 from cspr_drivers.drives.home_position import with_home
@@ -357,7 +359,7 @@ def test_a_brake_that_slips_at_rest_is_a_fault_with_how_far_so_far(robot):
     group = robot.cycle.group
     assert group.state is DriverState.FAULT
     assert group.cause == (
-        "motor_3 turns with its brake closed, by +1.0 rad so far: its brake slips, or its encoder"
+        "motor_3 turns with its brake closed, by +1.4 rad so far: its brake slips, or its encoder"
     )
     slip(robot, 2, 10_000)
     assert group.drives[2].slipped == pytest.approx(2.9)
@@ -389,3 +391,44 @@ def test_another_home_is_no_slip(robot):
     for _ in range(30):
         robot.turn(1.0)
     assert robot.cycle.group.state is DriverState.DISABLED
+
+
+@pytest.fixture
+def commanding(config):
+    """A robot whose brakes the host commands: bit 16 is set while one is open."""
+    return Robot(replace(config, brake_output=BrakeOutput(16, 0)))
+
+
+def outputs(robot):
+    return [data for cob_id, data in robot.turn(1.0)[1] if cob_id == 0x301]
+
+
+OPEN, CLOSED = "00 00 01 00", "00 00 00 00"
+
+
+def test_a_brake_that_the_host_commands_is_closed_at_rest_and_left_to_the_drive_in_operation(commanding):
+    robot = commanding
+    robot.turn()
+    assert outputs(robot) == [CLOSED]
+    assert outputs(robot) == []
+    assert robot.cycle.enable(robot.now) is None
+    assert outputs(robot) == [OPEN]
+
+
+def test_a_stop_under_control_closes_the_brakes_under_torque_and_takes_it_only_then(commanding):
+    robot = commanding
+    robot.turn(1.0)
+    robot.enable()
+    robot.cycle.disable(robot.now)
+    frames = robot.turn(1.0)[1]
+    assert ("769", CLOSED) in [(str(cob_id), data) for cob_id, data in frames]
+    assert [data for cob_id, data in frames if cob_id == 0x201] == ["0f 00 c8 00"]  # 1 N m of 5
+    robot.status = [ENABLED & ~0x4000] * robot.count
+    sent = []
+    while robot.cycle.group.proof is not None:
+        sent += [data for cob_id, data in robot.turn(1.0)[1] if cob_id == 0x201]
+    words = [data[:5] for data in sent]
+    assert words == sorted(words, reverse=True)
+    assert sent[words.index("07 00") - 1] == "0f 00 00 00"
+    assert robot.cycle.group.state is DriverState.STOPPING
+    assert sent[-1].startswith("07 00")

@@ -104,7 +104,7 @@ SLACK_3 = [300.0, 300.0, 3.0, 300.0, 300.0, 300.0, 300.0, 300.0]
         (0, Direction.IN, SLACK_3, "cable_1 is taut: it carries 300 N, and cables are wound in up to 200 N"),
         (0, Direction.OUT, SLACK_3, None),
         (2, Direction.OUT, SLACK_3, None),
-        (0, Direction.OUT, [100.0, *SLACK_3[1:]], "call /can_drives/motor_3/wind_in first"),
+        (0, Direction.OUT, [150.0, *SLACK_3[1:]], "call /can_drives/motor_3/wind_in first"),
         (2, Direction.IN, [], "the tension of cable_3 is not known"),
         (2, Direction.IN, [float("nan")] * 8, "the tension of cable_3 is not known"),
     ],

@@ -391,8 +391,8 @@ class SupervisionComponent(Component):
 
     def make_safe(self) -> Outputs:
         """Return what closes the brakes of a robot that is enabled: with the supervisor goes what watches it."""
-        if self.supervisor.state not in FOLLOWING:
-            return NOTHING
+        if self.supervisor.state not in FOLLOWING - {RobotState.HELD_BY_DRIVES}:
+            return NOTHING  # torque that holds what a brake does not is not taken away
         return (Call(self.name, SERVICES[Action.QUICK_STOP]),)
 
     def _state_if_changed(self) -> Outputs:
@@ -402,7 +402,8 @@ class SupervisionComponent(Component):
         if (supervisor.state, values) == self._published_state:
             return NOTHING
         self._published_state = supervisor.state, values
-        level = Level.ERROR if supervisor.state is RobotState.FAULT else Level.OK
+        bad = supervisor.state in (RobotState.FAULT, RobotState.HELD_BY_DRIVES)
+        level = Level.ERROR if bad else Level.OK
         status = self._status(level, supervisor.state.value, values)
         self._order.sent(ROBOT_STATE, _said(status))
         return (Publication(ROBOT_STATE, status),)

@@ -122,6 +122,7 @@ class Supervisor:
         self.recording_problem = ""
         self.load_cell_problem = self.load_cell_doubt = self.length_problem = self.publisher_problem = ""
         self.slack_problem = self.doubled_topics = self.brake_problem = ""
+        self._stopped_by: Fault | None = None  # what was latched before the drives had to hold the load
         self._before_slip: Fault | None = None  # what was latched when a brake began to slip
         self.balance_problem = self.torque_problem = self.unverified = self.verification_problem = ""
         self.verifying = self.verification_complete = False
@@ -132,6 +133,8 @@ class Supervisor:
 
     def enable(self, time: float) -> Decision:
         """Operator's command to open the brakes and let the motors follow their set-points."""
+        if self.state is RobotState.HELD_BY_DRIVES:
+            return self._enable_again(time)
         if self.state is not RobotState.DISABLED:
             latched = f" by {self.fault}; reset it first" if self.fault else ""
             return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
@@ -190,6 +193,17 @@ class Supervisor:
         else:
             self.remark = remark or self.remark
 
+    def _enable_again(self, time: float) -> Decision:
+        """Let the drives, which hold the load anyway, open the brakes, so that the operator can let it down."""
+        if obstacle := self.checks.obstacle(time):
+            return Decision(False, f"refused: {obstacle}")
+        self.fault = None
+        self.verifying = False
+        self.checks.clear()
+        self._enter(RobotState.ENABLING, time)
+        self._actions.append(Action.ENABLE_DRIVES)
+        return Decision(True, "opening the brakes again: let the load down on its supports, then stop")
+
     def stop(self, time: float) -> Decision:
         """Operator's command to come to rest along the path and close the brakes."""
         if self.state is RobotState.ENABLED:
@@ -199,6 +213,11 @@ class Supervisor:
             self._enter(RobotState.STOPPING, time)
             self._disable_drives(time)
             return Decision(True, "closing the brakes")
+        if self.state is RobotState.HELD_BY_DRIVES:
+            self.fault = None
+            self._enter(RobotState.STOPPING, time)
+            self._disable_drives(time)
+            return Decision(True, "testing the brakes again")
         if self.state is RobotState.STOPPING:
             return Decision(True, "stopping already")
         if self._drives is DriverState.WINDING:
@@ -248,7 +267,7 @@ class Supervisor:
 
     def fail(self, time: float, problem: str) -> None:
         """Latch that the supervisor itself cannot be relied on, and stop the drives."""
-        if self.state is not RobotState.FAULT:
+        if self.state not in (RobotState.FAULT, RobotState.HELD_BY_DRIVES):
             self._fail(time, Fault(FaultKind.NODE, problem))
 
     def update(self, time: float) -> tuple[Action, ...]:
@@ -256,6 +275,8 @@ class Supervisor:
         if self.state is RobotState.FAULT:
             self._update_fault(time)
             self._tell_slip()
+        elif self.state is RobotState.HELD_BY_DRIVES:
+            self._update_held(time)
         else:
             fault = self._find_fault(time)
             if fault is not None and fault.controlled and self.state is not RobotState.ENABLING:
@@ -320,7 +341,10 @@ class Supervisor:
         urgent = urgent or self._find_drive_fault(time)
         if urgent is not None:
             return urgent
-        if problem := self.load_cell_problem or self.load_cell_doubt:
+        tested = (
+            self.state is RobotState.STOPPING and self._disabling
+        )  # torques no longer belong to the tensions
+        if problem := self.load_cell_problem or ("" if tested else self.load_cell_doubt):
             faults.insert(0, Fault(FaultKind.LOAD_CELL, problem, controlled=True))
         if self.verification_problem:
             faults.append(Fault(FaultKind.CONFIGURATION, self.verification_problem))
@@ -362,12 +386,34 @@ class Supervisor:
 
     def _update_stopping(self, time: float) -> None:
         if self._disabling:
-            if self._drives is DriverState.DISABLED:
+            if self._drives is DriverState.HELD_BY_DRIVES:
+                self._hold(time)
+            elif self._drives is DriverState.DISABLED:
                 self._enter(RobotState.FAULT if self.fault else RobotState.DISABLED, time)
             return
         at_rest = self._trajectory_stopped and self.phase.at_rest and self.checks.setpoints_at_rest()
         if at_rest or time - self._since > self._limits.stop_timeout:
             self._disable_drives(time)
+
+    def _update_held(self, time: float) -> None:
+        """Do nothing that would take the torque; tell when it is gone."""
+        if self._drives is DriverState.HELD_BY_DRIVES:
+            self._hold(time)
+        else:
+            self._fail(
+                time, Fault(FaultKind.DRIVE_FAULT, self._drives_cause or self._drives_are(" by themselves"))
+            )
+
+    def _hold(self, time: float) -> None:
+        """Say which brake does not hold, besides what the robot was stopped for."""
+        if self.state is not RobotState.HELD_BY_DRIVES:
+            self._stopped_by = self.fault
+            self._enter(RobotState.HELD_BY_DRIVES, time)
+        first, slip = (
+            self._stopped_by,
+            Fault(FaultKind.BRAKE, f"the drives hold the load: {self._drives_cause}"),
+        )
+        self.fault = slip if first is None else Fault(first.kind, f"{first.detail}; then {slip}")
 
     def _update_fault(self, time: float) -> None:
         if self._drives in (DriverState.ENABLING, DriverState.ENABLED):

@@ -6,6 +6,9 @@ import math
 
 _SETTLING = 0.1  # s after a brake has closed in which it stops its motor
 _MOVES = 1.0  # rad/s
+_STEPS = (
+    3  # positions in which a motor that slips is seen on its way: what steps and stands still is the encoder
+)
 _WINDOW = 60.0  # s after which motion counts anew: what a shaft creeps in days is no slip
 
 
@@ -25,6 +28,7 @@ class BrakeWatch:
         self._last = [(math.nan, math.nan)] * count  # time and angle
         self._closed: list[tuple[float, float, float] | None] = [None] * count  # when, where, how fast
         self._from = [(math.nan, math.nan)] * count  # time and angle that a slip is counted from
+        self._steps = [0] * count  # positions since then that differ from those before
         self._moved = [-math.inf] * count
         self._slips: set[int] = set()
 
@@ -55,13 +59,14 @@ class BrakeWatch:
         closing = self._closed[index]
         if closing is None:
             closing = self._closed[index] = (time, angle, speed)
-            self._from[index] = time, angle
+            self._from[index], self._steps[index] = (time, angle), 0
         settled = closing[0] + _SETTLING
         begin = self._from[index][0]
         if index not in self._slips and time >= settled and not settled <= begin >= time - _WINDOW:
-            self._from[index] = time, angle
+            self._from[index], self._steps[index] = (time, angle), 0
+        self._steps[index] += angle != was
         allowed = self._limit + (_SETTLING * closing[2] if time < settled else 0.0)
-        if abs(angle - self._from[index][1]) > allowed:
+        if self._steps[index] >= _STEPS and abs(angle - self._from[index][1]) > allowed:
             self._slips.add(index)
         if speed > _MOVES:
             self._moved[index] = time

@@ -2,7 +2,7 @@
 
 Sources: CiA 301 (COB-IDs of the predefined connection set, section 7.3.5; PDO mapping parameter, section
 7.5.2.36; numbers are little-endian, section 7.1.4), CiA 402-2 / IEC 61800-7-201 (objects 6040h, 6041h, 6064h,
-606Ch, 6071h, 6077h, 60FDh), CiA 404 (objects 6150h, 9130h).
+606Ch, 6071h, 6077h, 60FDh, 60FEh), CiA 404 (objects 6150h, 9130h).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ class FunctionCode(IntEnum):
     TPDO1 = 0x180
     RPDO1 = 0x200
     TPDO2 = 0x280
+    RPDO2 = 0x300
     TPDO3 = 0x380
     SDO_RESPONSE = 0x580
     SDO_REQUEST = 0x600
@@ -93,6 +94,7 @@ VELOCITY_ACTUAL = MappedObject("velocity_actual", 0x606C, 0x00, 32, signed=True)
 TARGET_TORQUE = MappedObject("target_torque", 0x6071, 0x00, 16, signed=True)
 TORQUE_ACTUAL = MappedObject("torque_actual", 0x6077, 0x00, 16, signed=True)
 DIGITAL_INPUTS = MappedObject("digital_inputs", 0x60FD, 0x00, 32, signed=False)
+DIGITAL_OUTPUTS = MappedObject("digital_outputs", 0x60FE, 0x01, 32, signed=False)
 PROCESS_VALUE = MappedObject("process_value", 0x9130, 0x01, 32, signed=True)
 INPUT_STATUS = MappedObject("input_status", 0x6150, 0x01, 8, signed=False)
 
@@ -164,6 +166,7 @@ class PdoLayout:
 
 
 DRIVE_RPDO1 = PdoLayout((CONTROL_WORD, TARGET_TORQUE))
+DRIVE_RPDO2 = PdoLayout((DIGITAL_OUTPUTS,))
 DRIVE_TPDO1 = PdoLayout((STATUS_WORD, POSITION_ACTUAL, TORQUE_ACTUAL))
 DRIVE_TPDO2 = PdoLayout((VELOCITY_ACTUAL,))
 DRIVE_TPDO3 = PdoLayout((DIGITAL_INPUTS,))

@@ -49,6 +49,23 @@ class EmergencyStopInput:
         return inputs >> self.bit & 1 == self.active
 
 
+@dataclass(frozen=True)
+class BrakeOutput:
+    """Digital output of the drives that closes the brake at the host's command: bit of 60FEh, its value when closed."""
+
+    bit: Annotated[int, Meta(ge=0, le=31)]
+    closed: Literal[0, 1]
+
+    @property
+    def mask(self) -> int:
+        """Value of 60FEh:02, with which the drive heeds the bit."""
+        return 1 << self.bit
+
+    def outputs(self, closed: bool) -> int:
+        """Return the value of 60FEh:01 for a brake that is to be closed, or to be left to the drive."""
+        return self.mask if closed == bool(self.closed) else 0
+
+
 # A cell that is wrong by more, or for longer, is to be found.
 _STUCK_TOO_LONG = "or a load cell that is stuck is not found within a second"
 _OFF_TOO_FAR = "or a load cell that is stuck may be wrong by more than 60 N unnoticed"
@@ -135,6 +152,8 @@ class CanValues:
         When a load cell counts as stuck.
     torque_check
         When a drive counts as one that does not apply its torque.
+    brake_output
+        Output of the drives by which the host closes their brakes; `None` where it cannot.
     largest_brake_slip
         Angle by which a motor with a closed brake may turn, rad.
     winding
@@ -156,6 +175,7 @@ class CanValues:
     option_codes: OptionCodes
     load_cell_checks: LoadCellChecks
     torque_check: TorqueCheck
+    brake_output: BrakeOutput | None = None
     largest_brake_slip: Positive = 0.5
     winding: WindingLimits = WindingLimits()
     timeouts: Timeouts

@@ -7,7 +7,7 @@ Sources: CiA 301 (1000h, 1016h, 1017h, 1018h, 1029h, 1400h, 1600h, 1800h, 1A00h)
 from __future__ import annotations
 
 from cspr_drivers.canopen import cia402, cia404
-from cspr_drivers.canopen.frame_table import DRIVE_TPDO3, FunctionCode, TransmissionType, cob_id
+from cspr_drivers.canopen.frame_table import DRIVE_RPDO2, DRIVE_TPDO3, FunctionCode, TransmissionType, cob_id
 from cspr_drivers.canopen.object_entry import Parameter, Setting
 from cspr_drivers.canopen.pdo_parameters import RPDO, TPDO, pdo_setting
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
@@ -60,7 +60,7 @@ def drive_settings(config: CanConfig, drive: DriveConfig) -> tuple[Setting, ...]
     times = config.timeouts
     codes = config.option_codes
     heartbeat = config.master_node_id << 16 | milliseconds(times.heartbeat_consumer)
-    single = (
+    single: tuple[Parameter, ...] = (
         Parameter(0x6060, 0, 8, cia402.CYCLIC_SYNCHRONOUS_TORQUE, "modes of operation", signed=True),
         Parameter(0x6072, 0, 16, drive.units.max_torque, "max torque, thousandths of the rated torque"),
         Parameter(0x605A, 0, 16, codes.quick_stop, "quick stop option", signed=True),
@@ -75,16 +75,20 @@ def drive_settings(config: CanConfig, drive: DriveConfig) -> tuple[Setting, ...]
         Parameter(0x1016, 1, 32, heartbeat, "consumer heartbeat time"),
         Parameter(0x1017, 0, 16, milliseconds(times.heartbeat_producer), "producer heartbeat time, ms"),
     )
+    if config.brake_output is not None:
+        single += (Parameter(0x60FE, 2, 32, config.brake_output.mask, "bit mask of the digital outputs"),)
     return (*map(Setting.of, single), *_drive_pdos(config, drive))
 
 
 def _drive_pdos(config: CanConfig, drive: DriveConfig) -> list[Setting]:
     pdo, sync, event = config.pdo, TransmissionType.EVERY_SYNC, TransmissionType.EVENT_DRIVEN
+    outputs = None if config.brake_output is None else DRIVE_RPDO2
     inputs = None if config.emergency_stop_input is None else DRIVE_TPDO3
     return [
         pdo_setting(index, cob_id(function, drive.node_id), transmission, layout, event_timer)
         for index, function, transmission, layout, event_timer in (
             (RPDO, FunctionCode.RPDO1, event, pdo.drive_rpdo, milliseconds(config.timeouts.rpdo)),
+            (RPDO + 1, FunctionCode.RPDO2, event, outputs, None),
             (TPDO, FunctionCode.TPDO1, sync, pdo.drive_tpdo, None),
             (TPDO + 1, FunctionCode.TPDO2, sync, pdo.drive_tpdo_2, None),
             (TPDO + 2, FunctionCode.TPDO3, event, inputs, None),

@@ -31,6 +31,7 @@ from cspr_msgs_py.vocabulary import DriverState
 _SAME_HOME = 1.0  # rad at the motor shaft: one and the same pose, within backlash and noise
 _CONFIRMED_WITHIN = 10.0  # s
 _ALIVE = 0.25  # of the time without an RPDO at which a drive acts: how often a drive at rest gets one
+_AGAIN = 0.02  # s after which a brake that has not moved is told again
 _LONGEST_WAIT = 2.5  # periods after a SYNC in which the next one waits for the answers to it
 
 
@@ -77,6 +78,9 @@ class DriveCycle:
         self.defect = ""
         self._rpdos = [TorqueFrame(config, drive) for drive in config.drives]
         self._torque_watch = TorqueWatch(count, config.torque_check)
+        self._outputs: list[tuple[bool, float] | None] = [
+            None
+        ] * count  # how each brake was told to be, and when
         self._brakes = BrakeWatch(count, config.largest_brake_slip)
         heartbeat = cob_id(FunctionCode.HEARTBEAT, config.master_node_id)
         self._heartbeats = [Frame(bus.name, heartbeat, bytes([NmtState.OPERATIONAL])) for bus in config.buses]
@@ -133,6 +137,24 @@ class DriveCycle:
             if known[index] and (repeat or word != rpdo.control_word):
                 frames.append(rpdo.make(word, deadline))
             rpdo.sent = False
+        return frames + self._brake_frames(now)
+
+    def _brake_frames(self, now: float) -> list[Frame]:
+        """Return what moves the brakes that the host commands, again while a drive does not report it done."""
+        output = self.config.brake_output
+        frames: list[Frame] = []
+        if output is None:
+            return frames
+        for index, (drive, status) in enumerate(zip(self.config.drives, self.group.drives, strict=True)):
+            closes, told = self.group.closes(index), self._outputs[index]
+            if closes is None or status.state is None:
+                continue
+            missing = closes == status.brake_open and (closes or self.group.operates(index))
+            if told is None or told[0] != closes or (missing and now - told[1] >= _AGAIN):
+                self._outputs[index] = closes, now
+                data = frame_table.DRIVE_RPDO2.encode(output.outputs(closes))
+                deadline = now + self.config.period
+                frames.append(Frame(drive.bus, cob_id(FunctionCode.RPDO2, drive.node_id), data, deadline))
         return frames
 
     # What the drives send.
@@ -157,6 +179,8 @@ class DriveCycle:
         name, feedback = self.config.drives[index].name, self._feedback
         if problem := feedback.measured(index, position, torque, self._sync_time):
             self.group.quick_stop(f"{name}: {problem}", now)
+        if self.group.proof is not None:
+            self.group.proof.observe(index, feedback.angles[index])
         if index not in feedback.disbelieved:
             held = self.group.drives[index].held
             self.group.slips(index, self._brakes.observe(index, now, feedback.angles[index], held), now)
@@ -222,6 +246,7 @@ class DriveCycle:
     def lost(self, now: float, index: int, reason: str) -> None:
         """Note that a drive is lost; when it comes back it may have forgotten its settings."""
         self.group.lost(index, reason, now)
+        self._outputs[index] = None
         self._rpdos[index].control_word = None
 
     def bus_failed(self, now: float, bus: str, problem: str) -> list[Frame]:
@@ -265,6 +290,8 @@ class DriveCycle:
             return []  # the torque stays what it was when the fault came, until the brakes hold
         if self._winds(index):
             return []  # the winch has its torque from `_wind`
+        if self.group.proof is not None:
+            torque *= self.group.proof.torque_share(now)
         rpdo.torque = units.per_mille(torque)
         self._torque_watch.told(index, torque)
         deadline = self._sync_time + self.config.period
@@ -359,7 +386,7 @@ class DriveCycle:
 
     def quick_stop(self, now: float, cause: str) -> list[Frame]:
         """Stop all drives at once and latch the cause."""
-        self.group.quick_stop(cause, now)
+        self.group.quick_stop(cause, now, ordered=True)
         return self._changed(now)
 
     def fault_reset(self, now: float, index: int | None = None) -> str | None:
@@ -423,7 +450,10 @@ class DriveCycle:
         return self.group.state not in IN_MOTION and self.group.held
 
     def _stop(self, now: float, cause: str) -> list[Frame]:
-        return self.quick_stop(now, cause) if self.group.state in IN_MOTION else []
+        if self.group.state not in IN_MOTION:
+            return []
+        self.group.quick_stop(cause, now)
+        return self._changed(now)
 
     def _changed(self, now: float) -> list[Frame]:
         """Return the changed control words, except for drives that already are where they should be."""

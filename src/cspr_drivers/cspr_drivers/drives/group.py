@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
+from cspr_drivers.brakes.brake_proof import BrakeProof
 from cspr_drivers.canopen.cia402 import Command, State, Target, decode_state, next_control_word
 from cspr_drivers.canopen.emergency import Emergency, after, is_error
 from cspr_drivers.config.can_config import CanConfig
@@ -27,6 +28,13 @@ _SETTLED: dict[Target, frozenset[State]] = {
     Target.QUICK_STOP: frozenset({State.SWITCH_ON_DISABLED, State.FAULT}),
     Target.FAULT_RESET: frozenset({State.SWITCH_ON_DISABLED}),
 }
+
+NOT_PROVEN = (
+    "not possible: there is no brake_output in can.yaml, and the drives take the torque away untested"
+)
+_PROOF_SLIP = (
+    0.2  # share of the angle that is a slip in any state: under its full load a bad brake shows early
+)
 
 _FAULTY = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 
@@ -59,6 +67,10 @@ class DriveGroup:
         self._brake_is_open = config.brake_is_open
         self._timeouts = config.timeouts
         self._watch = TransitionWatch(count, config.timeouts)
+        self._largest_slip = config.largest_brake_slip
+        self._host_closes = config.brake_output is not None
+        self.proof: BrakeProof | None = None  # of the brakes that the host has closed, before the torque goes
+        self.last_proof = "" if self._host_closes else NOT_PROVEN
         self.state = DriverState.NOT_READY
         self.cause = "drives are not configured yet"
         self._since = 0.0
@@ -158,6 +170,8 @@ class DriveGroup:
             return f"a fault is latched: {self.cause}; reset it first"
         if self.state is DriverState.NOT_READY:
             return self.cause
+        if self.state is DriverState.HELD_BY_DRIVES:
+            return self._open_again(time, index)
         wanted = self._everyone if index is None else frozenset({index})
         singly = index is not None and self.state is DriverState.ENABLED and index not in self._members
         if self.state is not DriverState.DISABLED and not singly:
@@ -170,6 +184,18 @@ class DriveGroup:
         self._members = members
         self._unread = frozenset(unread)
         self._releasing = False
+        self._enter(DriverState.ENABLING, "", time)
+        return None
+
+    def _open_again(self, time: float, index: int | None) -> str | None:
+        """Open the brakes of drives that hold the load anyway, so that the operator can let it down."""
+        if index is not None:
+            return f"the drives are {self.state.value}: {self.cause}"
+        if stale := self._without_command(time, self._members):
+            return f"no fresh torque commands for {', '.join(stale)}"
+        if self._unsupervised(time, self._members):
+            return "no sign of life of the supervisor: is it running?"
+        self.proof, self._running, self._releasing = None, frozenset(), True
         self._enter(DriverState.ENABLING, "", time)
         return None
 
@@ -214,7 +240,12 @@ class DriveGroup:
 
     def disable(self, time: float, index: int | None = None) -> None:
         """Begin to close the brakes, of all drives or of one. Has no effect unless in motion."""
+        if self.state is DriverState.HELD_BY_DRIVES and index is None:
+            self._prove(time)
         if self.state not in (DriverState.WINDING, DriverState.ENABLING, DriverState.ENABLED):
+            return
+        if index is None and self._host_closes and self._running == self._everyone:
+            self._prove(time)
             return
         remaining = frozenset() if index is None else self._members - {index}
         if remaining and self.state is DriverState.ENABLED:
@@ -228,11 +259,24 @@ class DriveGroup:
             else:
                 self._enter(DriverState.STOPPING, "", time)
 
-    def quick_stop(self, cause: str, time: float) -> None:
-        """Stop all drives at once and latch the cause. The first cause stays."""
+    def _prove(self, time: float) -> None:
+        """Begin to close the brakes under torque, and to test them before it goes."""
+        self.proof = BrakeProof(len(self._drives), _PROOF_SLIP * self._largest_slip)
+        self._enter(DriverState.STOPPING, "", time)
+
+    def quick_stop(self, cause: str, time: float, ordered: bool = False) -> None:
+        """Stop all drives at once and latch the cause. The first cause stays.
+
+        Drives that hold the load, as a brake does not, are stopped only when that is ordered: they would let it go.
+        """
+        if self.state is DriverState.HELD_BY_DRIVES and not ordered and self._hold_on():
+            if cause not in self.cause:
+                self.cause += f"; {cause}"
+            return
         if self.state is not DriverState.FAULT or self._clearing:
             self._resetting = self._members = self._running = self._not_stopped = frozenset()
             self._clearing = False
+            self.proof = None
             self._enter(DriverState.FAULT, cause, time)
 
     def explain(self, cause: str, time: float) -> None:
@@ -272,6 +316,8 @@ class DriveGroup:
             self._hold_fault(time)
         elif cause := self._fault_cause(time):
             self.quick_stop(cause, time)
+        elif self.proof is not None:
+            self._test(self.proof, time)
         elif self.state is DriverState.ENABLING:
             self._release(time)
         elif self.state is DriverState.WINDING and self._members:
@@ -298,8 +344,20 @@ class DriveGroup:
         return tuple(self._drives[index].name for index in sorted(self._members))
 
     def operates(self, index: int) -> bool:
-        """Return whether a drive follows its torque, its brake open."""
+        """Return whether a drive follows its torque."""
+        if self.proof is not None:
+            return index in self._running
         return self.state in (DriverState.ENABLED, DriverState.WINDING) and index in self._running
+
+    def closes(self, index: int) -> bool | None:
+        """Return whether the host is to close a brake; None while the drive moves it as it sees fit."""
+        if self.proof is not None:
+            return True
+        if self.state is DriverState.STOPPING:
+            return None
+        if index in self._members:
+            return False
+        return True if self._drives[index].held else None
 
     def settled(self, index: int) -> bool:
         """Return whether a drive is where it should be, so that its control word need not be repeated."""
@@ -398,10 +456,14 @@ class DriveGroup:
             if self._silent(index, time):
                 return f"{self._silent_with(index)}: silent for {1e3 * (time - self._heard[index]):.0f} ms"
         # The torque stays what it was until the brakes hold: drives that stop need no more commands.
-        if stale := self._without_command(time, self._members):
+        holding = (
+            self.state is DriverState.HELD_BY_DRIVES
+        )  # the torque is all that holds: it stays what it was
+        stale = [] if holding else self._without_command(time, self._members)
+        if stale:
             limit = 1e3 * self._timeouts.command
             return f"no torque command within {limit:.0f} ms for {', '.join(stale)}"
-        if self._unsupervised(time, self._members):
+        if not holding and self._unsupervised(time, self._members):
             return f"no sign of life of the supervisor for {1e3 * (time - self._supervised):.0f} ms"
         for index in self._members:
             drive = self._drives[index]
@@ -411,7 +473,7 @@ class DriveGroup:
             ):
                 power = "; its power stage has no supply" if drive.without_power else ""
                 return drive.describe() + power
-            if running and not drive.brake_open:
+            if running and not drive.brake_open and self.proof is None:
                 return f"{drive.name}: its brake closed by itself"
             if running and not drive.follows_target:
                 return f"{drive.name} does not follow its target torque: it has left its mode of operation"
@@ -445,6 +507,36 @@ class DriveGroup:
         elif time - self._since > self._timeouts.enable:
             self.quick_stop(f"not enabled within {self._timeouts.enable:g} s: {'; '.join(late)}", time)
         return not late
+
+    def _test(self, proof: BrakeProof, time: float) -> None:
+        """Take the torque from closed brakes, and leave it to them only when all have held."""
+        if open_brakes := [drive.name for drive in self._drives if drive.brake_open]:
+            if time - self._since > self._timeouts.stop and self.state is DriverState.STOPPING:
+                names = ", ".join(open_brakes)
+                self.cause = f"not closed within {self._timeouts.stop:g} s: brakes of {names}"
+                self._enter(DriverState.HELD_BY_DRIVES, self.cause, time)
+            return
+        if self.state is DriverState.HELD_BY_DRIVES:
+            return
+        proof.begin(time)
+        if proof.slipped:
+            slips = ", ".join(
+                f"{self._drives[k].name} ({angle:+.1f} rad)" for k, angle in sorted(proof.slipped.items())
+            )
+            self.last_proof = f"brake slips under its load: {slips}"
+            self._enter(DriverState.HELD_BY_DRIVES, self.last_proof, time)
+        elif proof.passed(time):
+            self.last_proof = "all brakes have held"
+            self.proof = None
+            self._members = self._running = frozenset()
+            self._enter(DriverState.STOPPING, "", time)
+
+    def _hold_on(self) -> bool:
+        """Return whether the drives whose brakes do not hold are still in operation."""
+        slipping = self.proof.slipped if self.proof is not None else {}
+        return all(
+            self._drives[k].state is State.OPERATION_ENABLED for k in (slipping or range(len(self._drives)))
+        )
 
     def _close(self, time: float) -> None:
         late = [d for d in self._drives if d.brake_open or d.state is not State.SWITCH_ON_DISABLED]

@@ -65,6 +65,7 @@ class DriveMaster:
     ) -> None:
         self._ports = ports
         self._publish = publish
+        self._report = report
         self._clock = ports.clock
         self._cycle = DriveCycle(config)
         self._lock = threading.Lock()  # over the cycle
@@ -114,11 +115,25 @@ class DriveMaster:
         self.cycle_clock.start()
         self._setup.start()
 
-    def come_to_rest(self) -> None:
-        """Close the brakes and wait until they hold, no longer than a limit."""
+    def come_to_rest(self, for_good: bool = False) -> None:
+        """Close the brakes and wait until they hold, no longer than a limit.
+
+        Before the driver goes `for_good` it waits without one while drives have to hold the load in place of a brake:
+        with its heartbeat their torque would go.
+        """
         self.disable()
         deadline = self._clock.monotonic() + 2.0 * self.config.timeouts.stop
-        while self.cycle_clock.running and self._clock.monotonic() < deadline and not self._at_rest():
+        told = not for_good
+        while self.cycle_clock.running and not self._at_rest():
+            held = self.states()[0] is DriverState.HELD_BY_DRIVES
+            if held and not told:
+                told = True
+                self._report(
+                    f"{self.states()[1]}: the drives keep their torque, and the driver does not end: support the load, "
+                    "then kill it"
+                )
+            if self._clock.monotonic() >= deadline and not (for_good and held):
+                break
             self._clock.sleep(self.config.period)
 
     def stop(self) -> None:
@@ -127,7 +142,7 @@ class DriveMaster:
             return
         self._stopped = True
         if self._started:
-            self.come_to_rest()
+            self.come_to_rest(for_good=True)
             self._setup.stop()
             leave_operational(self._devices)
             self.cycle_clock.stop()
@@ -257,6 +272,7 @@ class DriveMaster:
                 self._clock.time_of_day_set_by(),
                 cycle.last_winding,
                 cycle.config.fingerprint,
+                group.last_proof,
             )
 
     def _at_rest(self) -> bool:

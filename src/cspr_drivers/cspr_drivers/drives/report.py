@@ -52,6 +52,8 @@ class DriveReport:
         What came of the last winding of a single winch, in words.
     configuration
         Stands for the configuration of drives and load cells, the home pose included: another one has another.
+    brake_proof
+        What came of the last test of the brakes, or why there is none, in words.
     """
 
     state: DriverState
@@ -72,3 +74,4 @@ class DriveReport:
     time_set_by: float
     last_winding: str
     configuration: str
+    brake_proof: str

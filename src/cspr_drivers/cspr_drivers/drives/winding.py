@@ -19,7 +19,7 @@ _STIFFNESS = (
 _CATCHING_UP = 0.1  # s in which a lasting difference of speed is made up for
 _RUNAWAY = 5.0  # times the speed wanted
 _SLACK = 0.1  # share of the limit below which a cable carries nothing...
-_CARRIES = 0.25  # ...and from which it carries a part of the platform
+_CARRIES = 0.5  # ...and from which it carries a part of the platform
 
 
 class Direction(Enum):

@@ -37,7 +37,9 @@ _WARNING = 1 << 7
 _REMOTE = 1 << 9
 _INTERNAL_LIMIT = 1 << 11
 
-_BRAKE_SET = 1 << 0  # digital outputs, object 60FEh:01
+_BRAKE_SET = (
+    1 << 0
+)  # digital outputs, object 60FEh:01: what the drive shows, and heeds where 60FEh:02 has the bit
 _INTERLOCK = 1 << 3  # digital inputs, object 60FDh
 
 _NO_MODE = 0  # modes of operation, object 6060h
@@ -107,6 +109,13 @@ class DriveEmulator(EmulatedNode):
         self._units = config.units
         self._damping = drive.quick_stop_damping
         self._brake_open_flag = 1 << can_config.brake_open_bit
+        self._brake_output = can_config.brake_output
+        self._brake = brake
+        self._host_closed = False  # whether the host has closed the brake, and it has got there
+        self._host_wish: tuple[bool, float] | None = (
+            None  # what the host wants, and when the brake has got there
+        )
+        self._new_outputs = False
         self._new_automaton = partial(DriveStateMachine, brake, drive, self.value)
         self.automaton = self._new_automaton()
         self.encoder = Encoder()
@@ -139,16 +148,23 @@ class DriveEmulator(EmulatedNode):
             (0x6074, 0): lambda: self._demand,
             (0x6077, 0): lambda: self._units.per_mille(self._torque),
             (0x60FD, 0): lambda: _INTERLOCK if self.emergency_stop else 0,
-            (0x60FE, 1): lambda: 0 if self.automaton.brake_open else _BRAKE_SET,
+            (0x60FE, 1): self._digital_outputs,
         }
         self.writers |= {
             (0x6040, 0): self._write_control_word,
             (0x6060, 0): self._write_mode,
             (0x6071, 0): partial(setattr, self, "_target_torque"),
             (0x6072, 0): partial(setattr, self, "_max_torque"),
+            (0x60FE, 1): self._write_outputs,
         }
+        self._host_outputs = 0
         for option, allowed in _OPTION_CODES.items():
             self.writers[option, 0] = partial(self._write_option, option, allowed)
+
+    @property
+    def brake_open(self) -> bool:
+        """Whether the brake is open: neither the drive nor the host has closed it."""
+        return self.automaton.brake_open and not self._host_closed
 
     @property
     def mapping_locked(self) -> bool:
@@ -165,6 +181,7 @@ class DriveEmulator(EmulatedNode):
     def applied(self, time: float) -> None:
         """Take the control word, now that the other objects of its frame are written, and set the torque."""
         self._machine.advance(time)
+        self._heed_outputs(time)
         if self._new_control_word:
             self._new_control_word = False
             before = self.automaton.state
@@ -240,14 +257,17 @@ class DriveEmulator(EmulatedNode):
             self._errors.over()
         self._mode = _NO_MODE
         self._control_word = 0
-        self._new_control_word = False
+        self._new_control_word = self._new_outputs = self._host_closed = False
+        self._host_wish = None
+        self._host_outputs = 0
         self._target_torque = 0
         self._max_torque = int(self.object_dictionary[0x6072].default)
 
     def tick(self, time: float, supervise: bool = True) -> None:
         """Do what is due at a plant time, s; see `EmulatedNode.tick`."""
         super().tick(time, supervise)
-        if self.automaton.settled:
+        moved = self._move_brake(time)
+        if self.automaton.settled and not moved:
             return
         self._machine.advance(time)
         self.automaton.advance(time, self.encoder.speed(self._machine.measure().speeds[self._index]))
@@ -287,7 +307,7 @@ class DriveEmulator(EmulatedNode):
         # The plant damps the true speed; the drive damps the one that its encoder shows.
         damping = 0.0 if self.encoder.frozen else self._damping * automaton.damping
         torque -= damping * self.encoder.drift
-        closed = self.blocked or not automaton.brake_open
+        closed = self.blocked or not self.brake_open
         outputs = (torque, damping, closed)
         if outputs == self._outputs:
             return
@@ -311,9 +331,38 @@ class DriveEmulator(EmulatedNode):
             word |= _INTERNAL_LIMIT
         if self.automaton.follows_target and not self.mode_is_lost:
             word |= FOLLOWS_TARGET
-        if self.automaton.brake_open:
+        if self.brake_open:
             word |= self._brake_open_flag
         return word
+
+    def _digital_outputs(self) -> int:
+        mask = self.value(0x60FE, 2)
+        shown = 0 if self.brake_open else _BRAKE_SET
+        return (shown & ~mask) | (self._host_outputs & mask)
+
+    def _write_outputs(self, value: int) -> None:
+        self._host_outputs = value
+        self._new_outputs = True
+
+    def _heed_outputs(self, time: float) -> None:
+        """Move the brake as the host says, if the mask of the outputs lets it."""
+        if not self._new_outputs or self._brake_output is None:
+            return
+        self._new_outputs = False
+        output = self._brake_output
+        heeded = bool(self.value(0x60FE, 2) & output.mask)
+        closed = heeded and self._host_outputs & output.mask == output.outputs(closed=True)
+        wish = self._host_wish[0] if self._host_wish else self._host_closed
+        if closed != wish:
+            delay = self._brake.close_delay if closed else self._brake.open_delay
+            self._host_wish = closed, time + (delay if self.automaton.brake_open else 0.0)
+
+    def _move_brake(self, time: float) -> bool:
+        """Let the brake get to where the host wants it; return whether it has."""
+        if self._host_wish is None or time < self._host_wish[1]:
+            return False
+        self._host_closed, self._host_wish = self._host_wish[0], None
+        return True
 
     def _write_control_word(self, word: int) -> None:
         self._control_word = word
