@@ -91,7 +91,7 @@ class Scenario(Experiment):
     def control_arguments(self) -> list[str]:
         """ROS arguments of the control nodes."""
         # the simulated machine is as the configuration says
-        arguments = [*self.priority_arguments(), "-p", "verification_required:=false"]
+        arguments = [*self.priority_arguments(), "-p", "supervisor:verification_required:=false"]
         if self.exact_mass:
             arguments += ["-r", f"feedforward:{topics.PAYLOAD.name}:={topics.SIMULATED_PAYLOAD.name}"]
         return arguments
