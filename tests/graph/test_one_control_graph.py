@@ -22,6 +22,7 @@ from cspr_control.nodes.control_nodes import NODES
 from cspr_control.nodes.motor_controller import MotorControllerNode
 from cspr_control.parameters.control_settings import control_settings
 from cspr_control.supervision.supervisor import Decision
+from cspr_control.supervision.verified_configuration import VerifiedConfiguration
 from cspr_kinematics import Payload, Robot, distribute_tensions, inverse_kinematics, static_wrench
 from cspr_msgs_py import topics
 from cspr_msgs_py.errors import MessageError
@@ -110,6 +111,7 @@ class DrivenNodes:
         monkeypatch.setattr(component_node, "advertise", lambda node, topic: SimpleNamespace(
             publish=partial(self._publish, topic.name)))  # fmt: skip
         monkeypatch.setattr(component_node.ComponentNode, "create_client", self._create_client)
+        monkeypatch.setattr(VerifiedConfiguration, "problem", lambda record, drives: "")
         wiring = partial(Wiring, self.time.monotonic, self.time.system_ns)
         self.nodes = create(wiring)
         now = self.time.monotonic()

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 import yaml
 
@@ -17,7 +18,9 @@ from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.closed_loop.simulated_time import SimulatedTime
 from cspr_control.errors import ControlError
 from cspr_control.parameters.control_settings import control_settings
+from cspr_control.supervision.verified_configuration import VerifiedConfiguration
 from cspr_drivers.config.can_config import CanConfig
+from cspr_drivers.drives.home_position import with_home
 from cspr_kinematics import Robot
 from cspr_msgs_py.vocabulary import RobotState
 
@@ -165,3 +168,80 @@ def test_a_load_that_is_declared_leaves_no_room_for_a_wrong_mass(name: str, word
     said = enabling(WRONG[name], 0.0, declared_load=0.0)
     assert re.search(words, said), said
     assert bool(words) is bool(said)
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "words"),
+    [
+        ("nothing", 0.0, "^verified$"),
+        ("nothing", 200.0, "^verified$"),
+        ("exit point 3 10 cm off", 0.0, "^verified; angles and tensions fit the robot .* less well .*: calibrate"),
+        ("gear_ratio 27 for 30", 0.0, "^wrong configuration: torques tell 0.90 .* a gear_ratio of 30 would fit"),
+        ("exit points 1 and 2 interchanged", 0.0, r"verification: exit points 1 and 2 interchanged \(robot"),
+        ("anchor points 1 and 2 interchanged", 0.0, r"verification: anchor points 1 and 2 interchanged \(robot"),
+        ("load cells 3 and 4 interchanged", 0.0, r"^wrong .*: load cells 3 and 4 interchanged \(can.yaml\)"),
+        ("load cells 1 and 5 interchanged", 0.0, r"^wrong .*: load cells 1 and 5 interchanged \(can.yaml\)"),
+        ("drives 3 and 4 interchanged", 0.0, r"verification: drives 3 and 4 interchanged \(can.yaml\) or "),
+        ("drives 1 and 5 interchanged", 0.0, r"verification: drives 1 and 5 interchanged \(can.yaml\)"),
+        ("polarity of motor_3", 0.0, r"verification: polarity of motor_3 \(can.yaml\)"),
+        ("platform.mass 15 kg", 0.0, "^refused: the load cells carry"),
+        ("platform.mass 600 kg", 0.0, "^refused: the load cells carry"),
+        ("home 0.3 m too low", 0.0, "^refused: the load cells carry"),
+    ],
+)  # fmt: skip
+def test_a_verification_names_what_is_wrong(name: str, payload: float, words: str) -> None:
+    loop = believing(WRONG[name], payload, declared_load=payload, following_error=10.0)
+    supervisor = loop.supervisor
+    try:
+        loop.begin()
+        loop.time.wait(0.5)
+        decision = loop.order("/supervisor/verify")
+        said = decision.message
+        if decision.accepted:
+            begin = loop.machine.plant.platform_position()
+            loop.wait_until(lambda: not supervisor.verifying, 60.0, lambda: "the verification does not end")
+            said = loop.cause or supervisor.remark
+            assert not any(device.automaton.brake_open for device in loop.machine.devices)
+            assert (
+                np.abs(loop.machine.plant.platform_position() - begin).max() < 0.12
+            )  # m, wherever it was stopped
+        assert re.search(words, said), said
+    finally:
+        loop.machine.close()
+
+
+def test_what_was_verified_may_be_enabled_until_something_changes(tmp_path: Path) -> None:
+    loop = believing(WRONG["nothing"], 0.0, declared_load=0.0)
+    try:
+        supervision = loop.graph.components["supervisor"]
+        supervision._record = VerifiedConfiguration(tmp_path / "verified.json", loop.robot)
+        loop.begin()
+        loop.time.wait(0.5)
+        assert "no verification is on record" in loop.order("/supervisor/enable").message
+        assert loop.order("/supervisor/verify").accepted
+        loop.wait_until(lambda: not loop.supervisor.verifying, 60.0, lambda: "the verification does not end")
+        assert loop.supervisor.remark == "verified"
+        loop.enable()
+        assert loop.order("/supervisor/stop").accepted
+        loop.wait_for(RobotState.DISABLED, 5.0)
+        moved = with_home(loop.machine.drives.config, [1000] * 8)
+        loop.machine.drives._cycle.set_home([1000] * 8)
+        assert moved.fingerprint == loop.machine.drives.config.fingerprint
+        loop.time.wait(1.1)
+        refused = loop.order("/supervisor/enable").message
+        assert (
+            "can.yaml or the home pose changed since the last verification: call /supervisor/verify"
+            in refused
+        )
+    finally:
+        loop.machine.close()
+
+
+def test_a_verification_needs_the_load_to_be_declared() -> None:
+    loop = believing(WRONG["nothing"], 0.0)
+    try:
+        loop.begin()
+        loop.time.wait(0.1)
+        assert "declare the load first" in loop.order("/supervisor/verify").message
+    finally:
+        loop.machine.close()

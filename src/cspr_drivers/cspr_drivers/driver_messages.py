@@ -24,7 +24,11 @@ _LEVELS = {
 
 def drive_states(report: DriveReport) -> list[Status]:
     """Return the statuses of /drive_states: the drives as a whole, then each one."""
-    overall = {"cause": report.cause, "enabled": ", ".join(report.members)}
+    overall = {
+        "cause": report.cause,
+        "enabled": ", ".join(report.members),
+        "configuration": report.configuration,
+    }
     level = _LEVELS.get(report.state, Level.OK)
     statuses = [Status.of("can_drives", level, report.state.value, overall)]
     for drive, age in zip(report.drives, report.feedback_ages, strict=True):

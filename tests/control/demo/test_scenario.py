@@ -129,6 +129,8 @@ def test_a_parameter_reaches_ros_whatever_its_text() -> None:
 
 def test_the_truth_comes_over_the_topic_of_the_estimate() -> None:
     told = replace(SCENARIO, exact_mass=True).control_arguments()
+    # with the node's name: after a file that has a block of the node, one for all nodes counts for nothing
+    assert "supervisor:verification_required:=false" in told
     assert told[-2:] == ["-r", "feedforward:/payload:=/simulation/payload"]
 
 

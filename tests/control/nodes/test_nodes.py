@@ -560,7 +560,7 @@ def test_trajectory_parameters_are_validated(bench, robot):
 
 
 def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
-    bench.add(SupervisorNode(**bench.options()))
+    bench.add(SupervisorNode(**bench.options(verification_required=False)))
     states = bench.listen(topics.ROBOT_STATE)
     called = []
 
@@ -658,7 +658,7 @@ def test_supervisor_enables_stops_and_latches_a_fault(bench, robot):
 
 def test_supervisor_names_both_end_points_of_a_topic_with_two_publishers(bench):
     """Before anything has been published: end points are enough."""
-    bench.add(SupervisorNode(**bench.options()))
+    bench.add(SupervisorNode(**bench.options(verification_required=False)))
     assert "/setpoint has" not in bench.call("/supervisor/enable").message
     own = bench.add(Node("feedforward", context=bench.probe.context))
     other = bench.add(Node("feedforward", namespace="lab", context=bench.probe.context))
@@ -677,7 +677,7 @@ def test_supervisor_names_both_end_points_of_a_topic_with_two_publishers(bench):
 
 
 def test_supervisor_repeats_that_a_recording_failed(bench):
-    bench.add(SupervisorNode(**bench.options()))
+    bench.add(SupervisorNode(**bench.options(verification_required=False)))
     diagnostics = bench.listen(topics.DIAGNOSTICS)
     cause = "recording ended early, bag_0.mcap cannot be written: No space left on device"
     failed = diagnostic_status("recorder", Level.ERROR, "failed", {"bag": "bag", "cause": cause})
@@ -695,7 +695,7 @@ def test_supervisor_repeats_that_a_recording_failed(bench):
 
 
 def test_supervisor_that_goes_closes_the_brakes(bench):
-    node = bench.add(SupervisorNode(**bench.options()))
+    node = bench.add(SupervisorNode(**bench.options(verification_required=False)))
     called = threading.Event()
 
     def answer(request, response):
@@ -714,7 +714,7 @@ def test_supervisor_that_goes_closes_the_brakes(bench):
 
 
 def test_supervisor_says_that_nobody_answers(bench, robot):
-    node = bench.add(SupervisorNode(**bench.options()))
+    node = bench.add(SupervisorNode(**bench.options(verification_required=False)))
     states = bench.listen(topics.ROBOT_STATE)
     now = time.monotonic()
     checks = node.component.supervisor.checks

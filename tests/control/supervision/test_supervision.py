@@ -46,6 +46,7 @@ LIMITS = SupervisionLimits(
     stop_timeout=0.8,
     drive_timeout=1.0,
     balance=BalanceSettings(-1.0, 300.0, 0.003, 0.02, 0.05),
+    verification_required=True,
     allowed_drop=0.02,
 )
 

@@ -15,6 +15,7 @@ from cspr_drivers.canopen.frame_table import FunctionCode, cob_id
 from cspr_drivers.canopen.units import DriveUnits, LoadCellUnits
 from cspr_drivers.clock import Clock
 from cspr_drivers.config.can_config import CanConfig, DriveConfig, LoadCellConfig
+from cspr_drivers.config.can_file import BrakeOutput
 from cspr_drivers.simulation.devices.drive import DriveEmulator
 from cspr_drivers.simulation.devices.load_cell import LoadCellEmulator
 from cspr_drivers.simulation.devices.node import EmulatedNode
@@ -209,12 +210,14 @@ class DriveDesk(Desk):
     RPDO = 0x200 + NODE_ID
     TPDO = 0x180 + NODE_ID
 
-    def __init__(self, polarity: int = 1) -> None:
+    def __init__(self, polarity: int = 1, brake_output: BrakeOutput | None = None) -> None:
         super().__init__()
         units = DriveUnits(polarity, 65536, 1000, rated_torque=5.0, torque_limit=10.0)
         drives = (DriveConfig("motor_1", "main", NODE_ID, units),)
         self.drive = DriveEmulator(
-            dataclasses.replace(CanConfig.from_yaml(EDS.parent / "can.yaml"), drives=drives),
+            dataclasses.replace(
+                CanConfig.from_yaml(EDS.parent / "can.yaml"), drives=drives, brake_output=brake_output
+            ),
             0,
             EDS / "cia402_drive.eds",
             self.machine,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar
+
+import numpy as np
 
 from cspr_control.components.component import (
     NOTHING,
@@ -19,12 +21,15 @@ from cspr_control.components.component import (
     Timer,
 )
 from cspr_control.estimation.sync_pairs import SyncPair, SyncPairs
+from cspr_control.reference.verification_motion import LIMITS
 from cspr_control.supervision.balance_check import BalanceCheck
 from cspr_control.supervision.checks import MonitoredInput, SupervisionLimits
 from cspr_control.supervision.holding_check import HoldingCheck
 from cspr_control.supervision.length_check import LengthCheck
 from cspr_control.supervision.stamp_order import StampOrder
 from cspr_control.supervision.supervisor import Action, Decision, Supervisor
+from cspr_control.supervision.verification import Verdict, Verification
+from cspr_control.supervision.verified_configuration import VerifiedConfiguration
 from cspr_kinematics import Robot
 from cspr_msgs_py.errors import failure_text
 from cspr_msgs_py.topics import (
@@ -59,6 +64,7 @@ SERVICES = {
     Action.QUICK_STOP: "/can_drives/quick_stop",
     Action.RESET_DRIVES: "/can_drives/fault_reset",
     Action.STOP_TRAJECTORY: "/trajectory_publisher/stop",
+    Action.MOVE_TO_VERIFY: "/trajectory_publisher/verify",
 }
 """Which service does what the supervisor asks of others."""
 
@@ -83,6 +89,8 @@ class SupervisionComponent(Component):
         The robot as the controller believes it to be.
     limits
         Limits beyond which the robot is stopped.
+    record
+        Which configuration has been verified; where nobody keeps that, no verification is required.
     doubled
         Tells, in words, which topics with one writer have more publishers; asked once a second and before enabling.
     """
@@ -110,6 +118,7 @@ class SupervisionComponent(Component):
         robot: Robot,
         limits: SupervisionLimits,
         doubled: Callable[[], Sequence[str]] = lambda: (),
+        record: VerifiedConfiguration | None = None,
     ) -> None:
         super().__init__("supervisor", ROBOT_STATE, SUPERVISOR_ALIVE)
         m = robot.number_of_cables
@@ -119,6 +128,11 @@ class SupervisionComponent(Component):
         self.balance = BalanceCheck(robot, limits.balance)
         self.holding = HoldingCheck(robot, limits.balance.torque_accuracy)
         self._pairs = SyncPairs()
+        self._speeds = np.zeros(m)  # of the newest motor states, rad/s
+        self._record = record if limits.verification_required else None
+        self._configuration = ""  # of drives and load cells, as their driver tells it
+        self._verification: Verification | None = None
+        self._judging: Iterator[Verdict | None] | None = None
         self._order = StampOrder()
         self._doubled = doubled
         self._watched = {topic.writer for topic in graph_topics(m)} - {self.name, *_NOT_NEEDED}
@@ -126,9 +140,8 @@ class SupervisionComponent(Component):
         self._published_state: tuple[object, ...] = ()
 
     def configure(self, limits: SupervisionLimits) -> None:
-        """Expect another load, or other accuracies, from now on."""
+        """Expect another load from now on."""
         self.balance.settings = limits.balance
-        self.holding.accuracy = limits.balance.torque_accuracy
 
     def begin(self) -> Outputs:
         """Return the state in which the robot begins, and which check is absent."""
@@ -142,19 +155,40 @@ class SupervisionComponent(Component):
         return (*super().timers(), Timer(PERIOD, self.watch), looking)
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
-        """Return ``enable``, ``stop`` and ``reset``."""
-        commands = (self.enable, self.supervisor.stop, self.supervisor.reset)
+        """Return ``enable``, ``verify``, ``stop`` and ``reset``."""
+        commands = (self.enable, self.verify, self.supervisor.stop, self.supervisor.reset)
         return {f"/{self.name}/{command.__name__}": partial(self._command, command) for command in commands}
 
     def enable(self, now: float) -> Decision:
         """Operator's command to enable the robot; see `Supervisor.enable`."""
+        self._look(now)
+        return self.supervisor.enable(now)
+
+    def verify(self, now: float) -> Decision:
+        """Operator's command to verify the configuration; see `Supervisor.verify`."""
+        settings = self.balance.settings
+        if settings.declared_load < 0.0:
+            said = "ros2 param set /supervisor declared_load 0.0, or as many kg as hang from the platform"
+            return Decision(False, f"refused: declare the load first: {said}")
+        if (first := self.holding.before) is None:
+            return Decision(False, "refused: no motor states and tensions of one SYNC have come")
+        self._look(now)
+        self.supervisor.balance_problem = self.balance.problem(now, weight_alone=True)
+        decision = self.supervisor.verify(now)
+        if decision.accepted:
+            self._verification = Verification(self._robot, settings, first, LIMITS.speed)
+            self._judging = None
+        return decision
+
+    def _look(self, now: float) -> None:
+        """Look for what speaks against enabling, and takes too long for every cycle."""
         supervisor = self.supervisor
+        supervisor.unverified = self._record.problem(self._configuration) if self._record else ""
         supervisor.doubled_topics = "; ".join(self._doubled())
         supervisor.slack_problem = ""
         supervisor.balance_problem = self.balance.problem(now)
         if supervisor.state is RobotState.DISABLED:  # brakes are closed: there is time
             supervisor.slack_problem = supervisor.checks.slack_problem(self._robot, supervisor.behind)
-        return supervisor.enable(now)
 
     def _command(self, command: Callable[[float], Decision], now: float) -> tuple[Decision, Outputs]:
         decision = command(now)
@@ -167,6 +201,7 @@ class SupervisionComponent(Component):
         checks.observe_motors(now, sample)
         begun = self.lengths.observe_motors(now, sample, checks.following_errors())
         doubled = self._order.observe(now, MOTOR_STATES, sample.stamp_ns)
+        self._speeds = sample.velocity
         begun = self._observe_pair(now, self._pairs.motors(sample)) or begun
         return self.update(now) if begun or doubled else NOTHING
 
@@ -197,8 +232,33 @@ class SupervisionComponent(Component):
             self.balance.observe(now, pair)
             self.holding.observe_braked(pair)
         elif supervisor.state is RobotState.ENABLED:
-            return self.holding.observe_enabled(now, pair, supervisor.checks.setpoints_at_rest())
+            found = self.holding.observe_enabled(now, pair, supervisor.checks.setpoints_at_rest())
+            if supervisor.verifying and self._verification is not None:
+                supervisor.verification_problem = self._verification.observe(pair, self._speeds)
+            return found or bool(supervisor.verification_problem)
         return False
+
+    def _judge(self, now: float) -> Outputs:
+        """Go on judging a verification whose motion is over, a little at a time."""
+        supervisor = self.supervisor
+        if self._verification is None or supervisor.state not in _BRAKED or not supervisor.verifying:
+            return NOTHING
+        supervisor.verification_problem = ""
+        self._judging = self._judging or self._verification.judge()
+        verdict = next(self._judging)
+        if verdict is None:
+            return NOTHING
+        self._verification = self._judging = None
+        remark = "" if supervisor.remark or supervisor.fault else "verification: interrupted"
+        if supervisor.verification_complete and not verdict.findings and supervisor.fault is None:
+            problem = self._record.confirm(self._configuration) if self._record else ""
+            remark = "; ".join(filter(None, ("verified", verdict.remark, problem)))
+        supervisor.verified(now, verdict.findings, remark)
+        level = Level.ERROR if verdict.findings else Level.OK
+        said = Remark(
+            self.name, level, f"verification: {verdict.findings or supervisor.remark or 'nothing found'}"
+        )
+        return [said, *self._state_if_changed()]
 
     def on_platform_pose(self, now: float, sample: PoseSample) -> Outputs:
         """Store where the platform is."""
@@ -235,6 +295,7 @@ class SupervisionComponent(Component):
         drives = self.read_word(DRIVE_STATES, DriverState, status.message)
         if drives is None:
             return NOTHING
+        self._configuration = status.values.get("configuration", "")
         self.supervisor.observe_drives(now, drives, status.values.get("cause", ""))
         self.supervisor.brake_problem = self._slips(sample)
         return self.update(now)
@@ -323,7 +384,7 @@ class SupervisionComponent(Component):
 
     def watch(self, now: float) -> Outputs:
         """Run the checks, and say that they have been run."""
-        outputs = self.update(now)
+        outputs = [*self.update(now), *self._judge(now)]
         alive = SignOfLife(self.supervisor.checks.stamp_ns)
         self._order.sent(SUPERVISOR_ALIVE, alive.stamp_ns)
         return [*outputs, Publication(SUPERVISOR_ALIVE, alive)]

@@ -11,6 +11,7 @@ from cspr_control.errors import ControlError, TrajectoryError
 from cspr_control.reference.catalogue import TrajectorySettings, make_trajectory
 from cspr_control.reference.player import SECOND, TrajectoryPlayer
 from cspr_control.reference.trajectory import Trajectory
+from cspr_control.reference.verification_motion import VerificationMotion
 from cspr_control.supervision.supervisor import Decision
 from cspr_kinematics import KinematicsError, Motion, Pose, Robot
 from cspr_msgs_py import topics
@@ -68,13 +69,18 @@ class TrajectoryComponent(Component):
         return self._state_if_changed()
 
     def services(self) -> Mapping[str, Callable[[float], tuple[Decision, Outputs]]]:
-        """Return ``start`` and ``stop``."""
-        return {f"/{self.name}/start": self.start, f"/{self.name}/stop": self.stop}
+        """Return ``start``, ``verify`` and ``stop``."""
+        commands = (self.start, self.verify, self.stop)
+        return {f"/{self.name}/{command.__name__}": command for command in commands}
 
     def start(self, now: float) -> tuple[Decision, Outputs]:
         """Begin the trajectory of the settings; refused while the robot is not enabled."""
         settings = self._settings
         return self.play(now, lambda present: make_trajectory(settings.name, self._robot, present, settings))
+
+    def verify(self, now: float) -> tuple[Decision, Outputs]:
+        """Begin the motion of a verification; refused as `start` is. The supervisor asks for it."""
+        return self.play(now, lambda present: VerificationMotion(self._robot, present))
 
     def play(self, now: float, make: Callable[[Pose], Trajectory]) -> tuple[Decision, Outputs]:
         """Begin the trajectory that is made for the pose at which the reference rests; refused as `start` is."""

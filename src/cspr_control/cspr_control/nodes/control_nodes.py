@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from cspr_control.components.component import Component
@@ -19,6 +20,7 @@ from cspr_control.parameters.settings import (
     supervision_limits,
     trajectory_settings,
 )
+from cspr_control.supervision.verified_configuration import VerifiedConfiguration
 from cspr_kinematics.warm_up import warm_up
 from cspr_msgs_py.runtime.parameters import declare_all
 
@@ -75,7 +77,9 @@ class SupervisorNode(ComponentNode):
         limits = self.changeable(partial(supervision_limits, self.robot))
         topics = watched_topics(self.robot.number_of_cables)
         doubled = partial(doubled_topics, self, topics)
-        self.connect(SupervisionComponent(self.robot, limits, doubled))
+        record = Path(self.get_parameter("robot_config").value).with_name("verified.json")
+        verified = VerifiedConfiguration(record, self.robot)
+        self.connect(SupervisionComponent(self.robot, limits, doubled, verified))
 
 
 NODES: dict[type[Component], Any] = {

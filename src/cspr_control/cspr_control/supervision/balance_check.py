@@ -153,8 +153,16 @@ class BalanceCheck:
         """What hangs from the platform, kg, as the cells carry it now; not-a-number before the first SYNC."""
         return float(self._mean[2]) / _g if self._samples else math.nan
 
-    def problem(self, time: float) -> str:
-        """Return which equation does not hold, by how much, and what would explain it; empty where all do."""
+    def problem(self, time: float, weight_alone: bool = False) -> str:
+        """Return which equation does not hold, by how much, and what would explain it; empty where all do.
+
+        Parameters
+        ----------
+        time
+            Monotonic, s.
+        weight_alone
+            Whether what is left sideways is of no account: a verification is there to find out why.
+        """
         if not self._samples:
             return ""
         late = np.flatnonzero(time - self._within > _SWINGING)
@@ -163,6 +171,8 @@ class BalanceCheck:
         mean, limit = self._mean, self._tolerance
         if 2 in late:
             return self._wrong_weight()
+        if weight_alone:
+            return ""
         worst = max(late.tolist(), key=lambda k: float(abs(mean[k]) / limit[k]))
         if worst in _SPARE:
             unit = "N" if worst < 3 else "N m"

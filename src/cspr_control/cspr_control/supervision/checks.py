@@ -53,6 +53,7 @@ class FaultKind(StrEnum):
     PUBLISHERS = "two publishers"
     BRAKE = "brake slips"
     TORQUE = "torque fits no tension"
+    CONFIGURATION = "wrong configuration"
     RECORDING = "recording failed"
     DRIVE_FAULT = "drive fault"
     DRIVE_STATE = "unexpected drive state"
@@ -126,7 +127,9 @@ class SupervisionLimits:
     length_misfit, slack_misfit, misfit_cycles, slack_tension, slack_hold
         Those of `LengthCheck`.
     balance
-        Those of `BalanceCheck` and `HoldingCheck`.
+        Those of `BalanceCheck`, `HoldingCheck` and `Verification`.
+    verification_required
+        Whether a configuration must have been verified before the robot is enabled.
     allowed_drop
         In m, see `cspr_control.supervision.limit_bounds`.
     """
@@ -160,6 +163,7 @@ class SupervisionLimits:
     stop_timeout: float
     drive_timeout: float
     balance: BalanceSettings
+    verification_required: bool
     allowed_drop: float
 
 

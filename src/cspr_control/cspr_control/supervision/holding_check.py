@@ -31,14 +31,21 @@ class HoldingCheck:
     robot
         The robot as the controller believes it to be.
     accuracy
-        Share by which torque and tension may disagree, besides friction; may be replaced at any time.
+        Share by which torque and tension may disagree, besides friction.
+
+    Attributes
+    ----------
+    before
+        What was measured last while the brakes were closed, if anything was.
+    problem
+        What does not fit, in words; empty if nothing is known against it.
     """
 
     def __init__(self, robot: Robot, accuracy: float) -> None:
-        self.accuracy = accuracy
+        self._accuracy = accuracy
         self._ratio = robot.winch.transmission_ratio
         self._friction = _FRICTION * robot.motor.coulomb_friction / self._ratio
-        self._before: SyncPair | None = None
+        self.before: SyncPair | None = None
         self._newest: SyncPair | None = None
         self._since = np.inf
         self._torques, self._tensions = np.zeros((2, robot.number_of_cables))
@@ -47,7 +54,7 @@ class HoldingCheck:
 
     def observe_braked(self, pair: SyncPair) -> None:
         """Take what a SYNC brought while the brakes were closed."""
-        self._before = self._newest = pair
+        self.before = self._newest = pair
         self.problem = ""
         self._since, self._samples = np.inf, 0
         self._torques[:] = self._tensions[:] = 0.0
@@ -79,7 +86,7 @@ class HoldingCheck:
 
     def _contradiction(self) -> str:
         told, measured = -self._torques / (self._ratio * self._samples), self._tensions / self._samples
-        limits = self._friction + self.accuracy * np.abs(measured) + _LEAST
+        limits = self._friction + self._accuracy * np.abs(measured) + _LEAST
         beyond = np.abs(told - measured) - limits
         k = int(beyond.argmax())
         if not beyond[k] > 0.0:
@@ -100,7 +107,7 @@ class HoldingCheck:
 
         Only right after the brakes have opened, when nothing else moves the platform.
         """
-        before, newest = self._before, self._newest
+        before, newest = self.before, self._newest
         if before is None or newest is None or not 0.0 <= time - self._since <= _SETTLING:
             return ""
         turned, tighter = newest.motor_angles - before.motor_angles, newest.tensions - before.tensions

@@ -23,6 +23,9 @@ from cspr_msgs_py.vocabulary import DriverState, RobotState, TrajectoryPhase
 
 _MOVING = (DriverState.WINDING, DriverState.ENABLING, DriverState.ENABLED, DriverState.STOPPING)
 
+_HELD = 0.7
+"""Time for which a robot that is verified is held first, s: torque and tension are compared meanwhile."""
+
 _INSISTENCE = 0.2
 """Time after which a quick stop that has not worked is repeated, s."""
 
@@ -35,6 +38,7 @@ class Action(Enum):
     DISABLE_DRIVES = "disable the drives"
     QUICK_STOP = "quick stop the drives"
     RESET_DRIVES = "reset the drives' fault"
+    MOVE_TO_VERIFY = "move to and fro"
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,14 @@ class Supervisor:
         Why the tensions fit no load, while the brakes are closed; likewise.
     torque_problem
         Why the torque of a motor does not fit the tension of its cable; likewise.
+    unverified
+        Why the configuration must be verified first; likewise.
+    verification_problem
+        What a verification that is under way must not go on with; likewise.
+    verifying
+        Whether the robot is verified, until that is judged.
+    verification_complete
+        Whether its motion came to its end.
     slack_problem
         Which slack cable has to be wound in before lengths can fit again; likewise.
     behind
@@ -112,7 +124,9 @@ class Supervisor:
         self.slack_problem = self.doubled_topics = self.brake_problem = ""
         self._stopped_by: Fault | None = None  # what was latched before the drives had to hold the load
         self._before_slip: Fault | None = None  # what was latched when a brake began to slip
-        self.balance_problem = self.torque_problem = ""
+        self.balance_problem = self.torque_problem = self.unverified = self.verification_problem = ""
+        self.verifying = self.verification_complete = False
+        self._asked_to_move = self._moves = False
         self.behind = np.zeros(count)
         self._quick_stop_time = -math.inf
         self._actions: list[Action] = []
@@ -125,6 +139,8 @@ class Supervisor:
             latched = f" by {self.fault}; reset it first" if self.fault else ""
             return Decision(False, f"refused: the robot is in state {self.state.value}{latched}")
         obstacle = self.checks.obstacle(time)
+        if self.verifying:
+            obstacle = "what the verification has measured is being judged"
         if self.slack_problem and (self.length_problem or self.checks.lengths_unclear(time)):
             obstacle = self.slack_problem
         if self._drives is DriverState.WINDING:
@@ -137,6 +153,8 @@ class Supervisor:
             obstacle = str(Fault(FaultKind.LENGTHS, self.length_problem))
         if obstacle is None and self.balance_problem:
             obstacle = self.balance_problem
+        if obstacle is None and self.unverified:
+            obstacle = f"{self.unverified}: call /supervisor/verify, with the load declared"
         if obstacle is None and self._drives is not DriverState.DISABLED:
             obstacle = self._drives_are()
         if obstacle is None and not self.phase.at_rest:
@@ -151,11 +169,36 @@ class Supervisor:
         self._actions.append(Action.ENABLE_DRIVES)
         return Decision(True, "enabling the drives")
 
+    def verify(self, time: float) -> Decision:
+        """Operator's command to enable the robot, move it a little and slowly, disable it, and judge what was seen."""
+        unverified, self.unverified = self.unverified, ""
+        decision = self.enable(time)
+        self.unverified = unverified
+        if decision.accepted:
+            self.verifying = True
+            self.verification_complete = self._asked_to_move = self._moves = False
+            return Decision(True, "enabling the drives; then the platform moves by 50 mm to and fro for 25 s")
+        return decision
+
+    def verified(self, time: float, findings: str, remark: str) -> None:
+        """Process what a verification found, in words, brakes closed: that is a fault; or nothing, and a remark."""
+        self.verifying = False
+        if findings and self.fault is not None:
+            self.fault = Fault(
+                self.fault.kind, f"{self.fault.detail}; verification: {findings}", self.fault.controlled
+            )
+        elif findings:
+            self.fault = Fault(FaultKind.CONFIGURATION, findings, controlled=True)
+            self._enter(RobotState.FAULT, time)
+        else:
+            self.remark = remark or self.remark
+
     def _enable_again(self, time: float) -> Decision:
         """Let the drives, which hold the load anyway, open the brakes, so that the operator can let it down."""
         if obstacle := self.checks.obstacle(time):
             return Decision(False, f"refused: {obstacle}")
         self.fault = None
+        self.verifying = False
         self.checks.clear()
         self._enter(RobotState.ENABLING, time)
         self._actions.append(Action.ENABLE_DRIVES)
@@ -210,6 +253,9 @@ class Supervisor:
         elif action is Action.ENABLE_DRIVES and self.state is RobotState.ENABLING:
             self.remark = f"the drives were not enabled: {message}"
             self._enter(RobotState.DISABLED, time)
+        elif action is Action.MOVE_TO_VERIFY and self.state is RobotState.ENABLED:
+            self.remark = f"verification: the platform did not move: {message}"
+            self._stop_along_path(time)
         elif action is Action.DISABLE_DRIVES and self.state is RobotState.STOPPING:
             self._fail(time, Fault(FaultKind.DRIVE_STATE, f"the drives refused to disable: {message}"))
         elif action is Action.RESET_DRIVES and self._resetting:
@@ -239,6 +285,8 @@ class Supervisor:
                 self._fail(time, fault)
             elif self.state is RobotState.ENABLING and self._drives is DriverState.ENABLED:
                 self._enter(RobotState.ENABLED, time)
+            elif self.state is RobotState.ENABLED and self.verifying:
+                self._update_verification(time)
             if self.state is RobotState.STOPPING:
                 self._update_stopping(time)
         return self.take_actions()
@@ -248,6 +296,18 @@ class Supervisor:
         actions = tuple(self._actions)
         self._actions.clear()
         return actions
+
+    def _update_verification(self, time: float) -> None:
+        """Ask for the motion when the robot has been held for a while, and disable it when that is over."""
+        if not self._asked_to_move:
+            if time - self._since >= _HELD:
+                self._asked_to_move = True
+                self._actions.append(Action.MOVE_TO_VERIFY)
+        elif not self.phase.at_rest:
+            self._moves = True
+        elif self._moves:
+            self.verification_complete = self.phase is TrajectoryPhase.FINISHED
+            self._stop_along_path(time)
 
     def _tell_slip(self) -> None:
         """Say of a brake that slips how far it has by now, besides what was latched before."""
@@ -286,6 +346,8 @@ class Supervisor:
         )  # torques no longer belong to the tensions
         if problem := self.load_cell_problem or ("" if tested else self.load_cell_doubt):
             faults.insert(0, Fault(FaultKind.LOAD_CELL, problem, controlled=True))
+        if self.verification_problem:
+            faults.append(Fault(FaultKind.CONFIGURATION, self.verification_problem))
         if self.torque_problem:
             faults.append(Fault(FaultKind.TORQUE, self.torque_problem, controlled=True))
         if self.recording_problem:

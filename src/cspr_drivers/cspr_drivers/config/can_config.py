@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -130,6 +132,11 @@ class CanConfig(CanValues):
     def period(self) -> float:
         """Duration of a cycle, s."""
         return 1.0 / self.rate
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Short text that is another one for other drives, load cells or home poses."""
+        return hashlib.sha256(repr((self.drives, self.load_cells)).encode()).hexdigest()[:16]
 
 
 def _config(mapping: object, source: str) -> CanConfig:

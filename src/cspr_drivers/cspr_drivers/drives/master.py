@@ -271,6 +271,7 @@ class DriveMaster:
                 self.cycle_clock.running,
                 self._clock.time_of_day_set_by(),
                 cycle.last_winding,
+                cycle.config.fingerprint,
                 group.last_proof,
             )
 

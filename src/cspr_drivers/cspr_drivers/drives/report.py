@@ -50,6 +50,8 @@ class DriveReport:
         How far somebody has set the computer's time of day since the process began, s.
     last_winding
         What came of the last winding of a single winch, in words.
+    configuration
+        Stands for the configuration of drives and load cells, the home pose included: another one has another.
     brake_proof
         What came of the last test of the brakes, or why there is none, in words.
     """
@@ -71,4 +73,5 @@ class DriveReport:
     clock_running: bool
     time_set_by: float
     last_winding: str
+    configuration: str
     brake_proof: str

@@ -179,15 +179,17 @@ TABLE: Mapping[str, tuple[NodeParameter, ...]] = {
         _fixed("misfit_cycles", 3, "Cycles in a row in which it must be exceeded", "", 1, 25),
         _limit("slack_tension", 25.0, "Tension below which a cable counts as slack", "N"),
         _limit("slack_hold", 0.1, "How long it counts as slack afterwards", "s"),
+        _fixed("verification_required", True, "Whether a configuration must have been verified before the robot is "
+               "enabled"),
         _live("declared_load", -1.0, "What hangs from the platform when the robot is enabled; negative: not declared, "
               "anything from nothing to max_payload", "kg", -1.0, 1e5),
         _MAX_PAYLOAD,
-        _live("cell_accuracy", 0.003, "Share of its tension by which a load cell, its pulley included, is off, as a "
-              "standard deviation; three are tolerated at enabling", "", 0.0, 1.0),
-        _live("weight_accuracy", 0.02, "Share by which the weight that the cells carry may be off besides", "",
-              0.0, 1.0),
-        _live("torque_accuracy", 0.05, "Share by which a motor's torque and tension may disagree, besides friction", "",
-              0.0, 10.0),
+        _fixed("cell_accuracy", 0.003, "Share of its tension by which a load cell, its pulley included, is off, as a "
+               "standard deviation; three are tolerated at enabling", "", 0.0, 1.0),
+        _fixed("weight_accuracy", 0.02, "Share by which the weight that the cells carry may be off besides", "",
+               0.0, 1.0),
+        _fixed("torque_accuracy", 0.05, "Share by which a motor's torque and tension may disagree, besides friction",
+               "", 0.0, 10.0),
         _limit("node_timeout", 3.5, "Silence of a node on /diagnostics after which it counts as ended", "s"),
         _fixed("allowed_drop", 0.02, "Height that each of these may cost, more on a simulated machine", "m", 1e-4,
                1000.0, stretch=_HEIGHT),

@@ -96,7 +96,7 @@ _LEAN = _Node(also=(), lean=True)
 _CONTROL: Mapping[str, _Node] = {
     "trajectory_publisher": _Node(
         hears=(topics.MOTOR_STATES, topics.PLATFORM_POSE, topics.ROBOT_STATE, topics.SUPERVISOR_ALIVE),
-        offers=("start", "stop"),
+        offers=("start", "verify", "stop"),
     ),
     "feedforward": _Node(
         hears=(
@@ -113,10 +113,10 @@ _CONTROL: Mapping[str, _Node] = {
             topics.PAYLOAD, topics.ROBOT_STATE, topics.SUPERVISOR_ALIVE, topics.DRIVE_STATES, topics.LOAD_CELL_STATES,
             topics.LOAD_CELL_CHECK, topics.TRAJECTORY_STATE, topics.RECORDER_STATE, topics.DIAGNOSTICS,
         ),
-        offers=("enable", "stop", "reset"),
+        offers=("enable", "verify", "stop", "reset"),
         calls=(
             "/can_drives/enable", "/can_drives/disable", "/can_drives/quick_stop", "/can_drives/fault_reset",
-            "/trajectory_publisher/stop",
+            "/trajectory_publisher/stop", "/trajectory_publisher/verify",
         ),
     ),
 }  # fmt: skip
@@ -193,7 +193,9 @@ def _people(running: Mapping[str, Process]) -> dict[str, Process]:
     """Return what people may do with the tools of ``ros2``, by what they are at the robot."""
     offered = {service for nodes in running.values() for node in nodes.values() for service in node.offers}
     parameters = {
-        f"/{node}/{name}" for node in ("trajectory_publisher", "recorder") for name in _PARAMETER_SERVICES
+        f"/{node}/{name}"
+        for node in ("trajectory_publisher", "supervisor", "recorder")
+        for name in _PARAMETER_SERVICES
     }
     tool = Access(
         frozenset([PARAMETER_EVENTS, ROSOUT.name]),
@@ -204,8 +206,9 @@ def _people(running: Mapping[str, Process]) -> dict[str, Process]:
         tool,
         publishes=tool.publishes | {topics.EVENTS.name},
         calls=frozenset({
-            "/supervisor/enable", "/supervisor/stop", "/supervisor/reset", "/trajectory_publisher/start",
-            "/trajectory_publisher/stop", *(f"/recorder/{name}" for name in _RECORDER.offers), *parameters,
+            "/supervisor/enable", "/supervisor/verify", "/supervisor/stop", "/supervisor/reset",
+            "/trajectory_publisher/start", "/trajectory_publisher/stop",
+            *(f"/recorder/{name}" for name in _RECORDER.offers), *parameters,
         }),
     )  # fmt: skip
     maintenance = replace(

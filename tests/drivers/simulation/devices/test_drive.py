@@ -2,9 +2,11 @@ import math
 import struct
 
 import pytest
+from tests.drivers.simulation.conftest import DriveDesk
 
 from cspr_drivers.canopen.cia402 import State, decode_state
 from cspr_drivers.canopen.nmt import NmtCommand, NmtState
+from cspr_drivers.config.can_file import BrakeOutput
 from cspr_drivers.simulation.devices.canopen_codes import EmergencyCode, SdoAbort
 
 NODE_ID = 5
@@ -582,3 +584,33 @@ def test_without_a_mode_operation_stays_disabled(drive_desk):
 def test_control_word_by_sdo(desk):
     assert desk.write(0x6040, 0, 0x06, 2) == 0
     assert decode_state(desk.status()) is State.READY_TO_SWITCH_ON
+
+
+@pytest.mark.parametrize(("mask", "heeded"), [(0, False), (1, True)])
+def test_the_host_closes_the_brake_of_a_drive_in_operation_where_the_mask_lets_it(mask, heeded):
+    desk = DriveDesk(brake_output=BrakeOutput(0, 1))
+    desk.configure()
+    assert desk.write(0x60FE, 2, mask, 4) == 0
+    desk.enable(torque=-220)
+    assert desk.write(0x60FE, 1, 1, 4) == 0
+    desk.command(0x0F, -220)
+    assert desk.status() & BRAKE_OPEN
+    desk.wait(CLOSE_DELAY + 0.002)
+    assert desk.plant.brake_closed[0] == heeded
+    assert bool(desk.status() & BRAKE_OPEN) is not heeded
+    assert decode_state(desk.status()) is State.OPERATION_ENABLED
+    assert desk.plant.torque[0] == pytest.approx(-1.1)  # torque against a closed brake
+    assert desk.write(0x60FE, 1, 0, 4) == 0
+    desk.command(0x0F, -220)
+    desk.wait(OPEN_DELAY + 0.002)
+    assert not desk.plant.brake_closed[0]
+
+
+def test_the_drive_closes_its_brake_whatever_the_host_says():
+    desk = DriveDesk(brake_output=BrakeOutput(0, 1))
+    desk.configure()
+    assert desk.write(0x60FE, 2, 1, 4) == 0
+    desk.enable()
+    desk.command(0x02)
+    desk.wait(CLOSE_DELAY + 0.01)
+    assert desk.plant.brake_closed[0]
