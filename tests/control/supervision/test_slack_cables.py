@@ -53,7 +53,7 @@ def test_of_two_that_explain_the_lengths_the_one_that_was_behind_is_named():
 
 def test_one_that_is_taut_is_not_wound_in_for_another_although_it_was_behind():
     angles, tensions = hanging((2, 0.02), (6, 0.012))
-    tensions[6] = 170.0
+    tensions[6] = 230.0
     behind = np.zeros(8)
     behind[6] = -12.0
     problem = slack_problem(ROBOT, angles, tensions, behind, 2.0)

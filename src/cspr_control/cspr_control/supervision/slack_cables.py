@@ -12,7 +12,7 @@ from cspr_kinematics import GRAVITY, KinematicsError, Robot, solve_forward_kinem
 FloatArray = NDArray[np.float64]
 
 _OF_NO_ACCOUNT = 1.0  # m, standard deviation of a length that tells nothing
-_TAUT = 2.0  # times the lowest tension allowed, at which a cable does not hang slack, swing or not
+_TAUT = 4.0  # times the lowest tension allowed; beyond it a cable is wound in no further
 _LARGEST_SAG = 0.005  # m by which other cables than the one looked at may be too long
 
 
