@@ -61,6 +61,15 @@ def test_one_that_is_taut_is_not_wound_in_for_another_although_it_was_behind():
     assert "call /can_drives/motor_3/wind_in" in problem
 
 
+def test_the_one_that_is_far_too_long_comes_before_one_that_is_hardly_so():
+    angles, tensions = hanging((0, 0.037), (7, 0.005))
+    tensions[7] = 198.0
+    behind = np.zeros(8)
+    behind[7] = -12.0
+    problem = slack_problem(ROBOT, angles, tensions, behind, 2.0)
+    assert problem.startswith("cable_1 carries 3 N")
+
+
 def test_less_than_is_allowed_is_no_problem():
     angles, tensions = hanging((4, 1.5 * RATIO), tension=45.0)
     assert slack_problem(ROBOT, angles, tensions, np.zeros(8), 2.0) == ""

@@ -63,7 +63,7 @@ def slack_problem(
         As for `excess_lengths`.
     behind
         How far each motor was from its set-point when that was known (m,), rad: of several slack cables, any of which
-        would explain the lengths, it is the one whose motor was furthest behind.
+        would explain the lengths about as well, it is the one whose motor was furthest behind.
     allowed
         Angle, rad, by which a motor may be from where it should be.
     """
@@ -73,7 +73,9 @@ def slack_problem(
     if not long.any():
         return ""
     taut = tensions > _TAUT * robot.tension_min  # winding it in would not end what another one shows
-    first = min(np.flatnonzero(long).tolist(), key=lambda k: (taut[k], behind[k], tensions[k]))
+    unknown = np.where(np.isnan(excess), math.inf, excess)
+    little = unknown < 0.5 * np.where(long & ~taut, unknown, 0.0).max()
+    first = min(np.flatnonzero(long).tolist(), key=lambda k: (taut[k], little[k], behind[k], tensions[k]))
     others = [k for k in np.flatnonzero(long & slack) if k != first]
     too_long = f" and is {1e3 * excess[first]:.0f} mm too long" if math.isfinite(excess[first]) else ""
     also = "".join(f", cable_{k + 1} {tensions[k]:z.0f} N" for k in others)
