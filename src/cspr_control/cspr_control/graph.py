@@ -155,6 +155,21 @@ class ControlGraph:
         """
         return self._through(self.deliver(topic, now, sample), now)
 
+    def disturb(self, topic: Topic, through: Callable[[Any], Any | None]) -> Callable[[], None]:
+        """Let samples go through a function before anybody hears them, None for nothing; return what ends that."""
+        routes = self._routes.setdefault(topic.name, [])
+        heard = list(routes)
+
+        def hear(now: float, sample: Any) -> list[Output]:
+            passed = through(sample)
+            return [] if passed is None else [out for route in heard for out in route.handle(now, passed)]
+
+        def end() -> None:
+            routes[:] = heard
+
+        routes[:] = [route._replace(handle=hear) for route in heard[:1]]
+        return end
+
     def refuse(self, topic: Topic, problem: str) -> None:
         """Let those that hear the topic count a message that could not be read."""
         for component, own, _ in self._routes.get(topic.name, ()):

@@ -17,7 +17,7 @@ from cspr_control.analysis.numbers.error_statistics import ErrorStatistics
 from cspr_control.analysis.numbers.mass import MassMetrics
 from cspr_control.analysis.numbers.run_summary import RunSummary
 from cspr_control.analysis.recording import Window
-from cspr_control.closed_loop.fault_scenarios import SCENARIOS
+from cspr_control.closed_loop.fault_scenarios import SCENARIOS, fault_pairs
 from cspr_control.closed_loop.scenario import FAULTS
 from cspr_control.programs import analyze, closed_loop, faults, rerun
 from cspr_msgs_py.bag.reader import Bag
@@ -277,9 +277,15 @@ def test_the_table_of_faults_is_the_same_whatever_is_in_it(tmp_path, capsys):
     assert faults.main(["--config", CONFIG, "emergency_stop", "--json", str(numbers)]) == 0
     row = capsys.readouterr().out.splitlines()[-1]
     assert row.startswith("| emergency_stop | drive fault: emergency stop: input of motor_1 | quick stop | ")
-    (said,) = json.loads(numbers.read_text(encoding="utf-8"))
-    assert said["fault"] == "emergency_stop"
-    assert 0.0 < said["held"]["duration"] < said["moving"]["duration"] < 0.3
+    held, moving = json.loads(numbers.read_text(encoding="utf-8"))
+    assert (held["name"], held["moving"], moving["moving"]) == ("emergency_stop", False, True)
+    assert held["state"] == moving["state"] == "fault"
+    assert held["culprit_right"]
+    assert moving["culprit_right"]
+    assert 0.0 < held["noticed_ms"] < held["brakes_ms"] < moving["brakes_ms"] < 300.0
+    assert abs(held["height_lost_mm"]) <= held["moved_mm"] < 0.1
+    assert 0.0 < moving["height_lost_mm"] <= moving["moved_mm"] < 2.0
+    assert moving["min_tension_N"] < held["min_tension_N"] < held["max_tension_N"] < moving["max_tension_N"]
     assert faults.main(["--config", CONFIG, "emergency_stop", "drive_reset"]) == 0
     assert row in capsys.readouterr().out.splitlines()
 
@@ -294,6 +300,39 @@ def test_the_table_of_faults_is_the_same_whatever_is_in_it(tmp_path, capsys):
 def test_a_fault_that_is_not_known(name, words, capsys):
     with pytest.raises(SystemExit):
         faults.main([name])
+    assert words in capsys.readouterr().err
+
+
+def test_two_faults_at_once_end_held_too_and_the_draw_is_that_of_the_seed(tmp_path, capsys):
+    numbers = tmp_path / "pairs.json"
+    pair = ["--config", CONFIG, "drive_reset", "load_cell_silent", "--pairs", "1", "--seed", "5"]
+    assert faults.main([*pair, "--json", str(numbers)]) == 0
+    held, moving = json.loads(numbers.read_text(encoding="utf-8"))
+    assert held["name"] == moving["name"]
+    assert {"drive_reset", "load_cell_silent"} < set(held["name"].split())
+    assert held["culprit_right"]
+    assert moving["culprit_right"]
+    first = capsys.readouterr().out
+    assert faults.main(pair) == 0
+    assert capsys.readouterr().out == first
+
+
+def test_pairs_are_of_two_faults_that_can_come_together():
+    pairs = [*fault_pairs(SCENARIOS, 200, 1)]
+    assert len({pair.name for pair in pairs}) > 150
+    for pair in pairs:
+        first, _, second = pair.name.partition(" + ")
+        assert first != second.split()[0]
+        assert {"encoder_wrap", "clock_back", "platform_caught"}.isdisjoint({first, second.split()[0]})
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [(["--pairs", "0"], "must be at least 1"), (["quick_stop", "--pairs", "2"], "two faults")],
+)
+def test_a_draw_of_pairs_that_is_none(options, words, capsys):
+    with pytest.raises(SystemExit):
+        faults.main(options)
     assert words in capsys.readouterr().err
 
 

@@ -51,6 +51,16 @@ def test_of_two_that_explain_the_lengths_the_one_that_was_behind_is_named():
         assert f", cable_{other + 1} 3 N: call /can_drives/motor_{culprit + 1}/wind_in" in problem
 
 
+def test_one_that_is_taut_is_not_wound_in_for_another_although_it_was_behind():
+    angles, tensions = hanging((2, 0.02), (6, 0.012))
+    tensions[6] = 230.0
+    behind = np.zeros(8)
+    behind[6] = -12.0
+    problem = slack_problem(ROBOT, angles, tensions, behind, 2.0)
+    assert problem.startswith("cable_3 carries 3 N")
+    assert "call /can_drives/motor_3/wind_in" in problem
+
+
 def test_less_than_is_allowed_is_no_problem():
     angles, tensions = hanging((4, 1.5 * RATIO), tension=45.0)
     assert slack_problem(ROBOT, angles, tensions, np.zeros(8), 2.0) == ""

@@ -81,6 +81,9 @@ class BarePlant:
             for index, _, torque in commands:
                 self.plant.set_torque(index, torque)
 
+    def reject_command(self, motor: int, problem: str) -> None:
+        """Do nothing: there is no driver that stops then."""
+
     def supervised(self, stamp_ns: int) -> None:
         """Do nothing: there is no driver that stops without a supervisor."""
 

@@ -7,7 +7,7 @@ enable, and nothing else, bring the robot back without a jump.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -25,8 +25,9 @@ from cspr_msgs_py.wire.joint_state import JointStateSample
 from cspr_msgs_py.wire.samples import Status
 
 RobotLoop: TypeAlias = "ClosedLoop[SimulatedRobot]"
-_PLACE = 2  # the motor or cable, from 0, that has the fault
+PLACE = 2  # the motor or cable, from 0, that has the fault
 _NEW_POSE = 0.1  # s, age up to which the lengths fit a pose now
+_SECOND_AFTER = 0.3  # s at most, from the first fault of a pair to the second
 _WINDING = 2.0  # s that turning a drum back by hand may take
 
 
@@ -60,8 +61,14 @@ class FaultScenario:
         Whether the fault itself takes the tension out of a cable.
     harmless
         Whether it is none: the robot must go on with its motion, which begins with it, as if nothing were.
+    tolerable
+        Whether the robot may bear it as well, and go on as it should.
     home_counts
         Position value of all drives at the home pose, if not those of can.yaml.
+    happens
+        Time from `begin` on in which all of it happens, s.
+    faults
+        Number of faults, each of which may cost the height that one may.
     """
 
     name: str
@@ -77,11 +84,76 @@ class FaultScenario:
     rest: float = 0.1
     harms_tension: bool = False
     harmless: bool = False
+    tolerable: bool = False
     home_counts: int | None = None
+    happens: float = 0.0
+    faults: int = 1
+
+    def is_named(self, cause: str) -> bool:
+        """Return whether a latched cause names this fault."""
+        return self.cause in cause
+
+
+@dataclass(frozen=True)
+class FaultPair(FaultScenario):
+    """Two faults, the second shortly after the first; either may be the cause."""
+
+    causes: tuple[str, str] = ("", "")
+
+    def is_named(self, cause: str) -> bool:
+        """Return whether a latched cause names one of them."""
+        return any(words in cause for words in self.causes)
+
+
+def fault_pairs(scenarios: Sequence[FaultScenario], number: int, seed: int) -> Iterator[FaultPair]:
+    """Draw pairs of faults that can both happen to a robot that moves, or both to one that is held still.
+
+    Parameters
+    ----------
+    scenarios
+        Of which they are drawn; those that are motions of their own are left out, as is what is harmless.
+    number, seed
+        Of the draw.
+    """
+    generator = np.random.default_rng(seed)
+    usable = [scenario for scenario in scenarios if scenario.moving and not scenario.harmless]
+    for _ in range(number):
+        first, second = (usable[index] for index in generator.choice(len(usable), 2, replace=False))
+        yield _pair(first, second, delay=round(float(generator.uniform(0.0, _SECOND_AFTER)), 3))
+
+
+def _pair(first: FaultScenario, second: FaultScenario, delay: float) -> FaultPair:
+    def begin(loop: RobotLoop) -> None:
+        def follow() -> None:
+            second.begin(loop)
+
+        first.begin(loop)
+        loop.time.at(loop.time.monotonic() + delay, follow)
+
+    def end(loop: RobotLoop) -> None:
+        second.end(loop)
+        first.end(loop)
+
+    return FaultPair(
+        f"{first.name} + {second.name} {1e3 * delay:.0f} ms later",
+        begin,
+        cause="",
+        end=end,
+        onset=first.onset,
+        towards=first.towards,
+        held=first.held and second.held,
+        lasts=first.lasts + second.lasts,
+        settling=max(first.settling, second.settling),
+        rest=max(first.rest, second.rest),
+        harms_tension=first.harms_tension or second.harms_tension,
+        happens=delay,
+        faults=2,
+        causes=(first.cause, second.cause),
+    )
 
 
 def _answer(torque: Callable[[float], float | None]) -> Callable[[RobotLoop], None]:
-    return lambda loop: loop.tampering.__setitem__(_PLACE, torque)
+    return lambda loop: loop.tampering.__setitem__(PLACE, torque)
 
 
 def _heal_controllers(loop: RobotLoop) -> None:
@@ -90,11 +162,11 @@ def _heal_controllers(loop: RobotLoop) -> None:
 
 def _stale_command(loop: RobotLoop) -> None:
     stamp = loop.time.system_ns() - 200_000_000
-    loop.machine.drives.command(_PLACE, stamp, -1.0)
+    loop.machine.drives.command(PLACE, stamp, -1.0)
 
 
 def _second_controller(loop: RobotLoop) -> None:
-    loop.machine.drives.command(_PLACE, loop.supervisor.checks.stamp_ns, -1.0)
+    loop.machine.drives.command(PLACE, loop.supervisor.checks.stamp_ns, -1.0)
 
 
 def _second_publisher(loop: RobotLoop) -> None:
@@ -104,7 +176,7 @@ def _second_publisher(loop: RobotLoop) -> None:
 
 
 def _unknown_motor(loop: RobotLoop) -> None:
-    loop.machine.drives.reject_command(_PLACE, "names are ('motor_9',)")
+    loop.machine.drives.reject_command(PLACE, "names are ('motor_9',)")
 
 
 def _freeze(loop: RobotLoop) -> None:
@@ -147,7 +219,7 @@ def _brake_closed(loop: RobotLoop) -> list[bool]:
 
 def _stop_on_a_bad_brake(loop: RobotLoop) -> None:
     """Let a brake hold too little, and stop the robot as the operator does: the load ends up on that brake."""
-    loop.machine.faults.inject(FaultOrder(InjectedFault.BRAKE_SLIP, _PLACE))
+    loop.machine.faults.inject(FaultOrder(InjectedFault.BRAKE_SLIP, PLACE))
     loop.order("/supervisor/stop")
 
 
@@ -174,23 +246,23 @@ def _wind_back(loop: RobotLoop) -> None:
     _heal_controllers(loop)
     plant, time = loop.machine.plant, loop.time
     wait_until_set_up(loop)
-    plant.set_brake(_PLACE, closed=False)
+    plant.set_brake(PLACE, closed=False)
     end, checks = time.monotonic() + _WINDING, loop.supervisor.checks
     while time.monotonic() < end:
-        error = checks.following_errors()[_PLACE]
+        error = checks.following_errors()[PLACE]
         known = checks.age(MonitoredInput.PLATFORM_POSE, time.monotonic()) < _NEW_POSE
         if known and abs(error) <= 0.1:
             break
         # A cable that hangs slack fits no pose: it is wound in gently until it does.
-        slack = not known and plant.tensions()[_PLACE] < loop.robot.tension_min[_PLACE]
+        slack = not known and plant.tensions()[PLACE] < loop.robot.tension_min[PLACE]
         hand = -0.6 if slack else max(-2.5, min(2.5, 10.0 * error)) - 1.2
-        plant.set_torque(_PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[_PLACE])
+        plant.set_torque(PLACE, max(-2.5, hand) - 0.05 * plant.motor_speeds()[PLACE])
         time.wait(0.002)
-    plant.set_brake(_PLACE, closed=True)
-    plant.set_torque(_PLACE, 0.0)
+    plant.set_brake(PLACE, closed=True)
+    plant.set_torque(PLACE, 0.0)
 
 
-def _injected(fault: InjectedFault, cause: str, place: int | str = _PLACE, **how: Any) -> FaultScenario:
+def _injected(fault: InjectedFault, cause: str, place: int | str = PLACE, **how: Any) -> FaultScenario:
     order = FaultOrder(fault, place)
     return FaultScenario(fault.value, lambda loop: loop.machine.faults.inject(order), cause, **how)
 
@@ -257,7 +329,7 @@ SCENARIOS = (
     _injected(
         InjectedFault.ENCODER_WRAP,
         "",
-        onset=lambda loop: loop.machine.devices[_PLACE].value(0x6064) < 0,
+        onset=lambda loop: loop.machine.devices[PLACE].value(0x6064) < 0,
         held=False,
         lasts=12.0,
         harmless=True,

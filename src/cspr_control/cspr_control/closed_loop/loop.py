@@ -88,6 +88,7 @@ class ClosedLoop(Generic[M]):
         self.time = machine.time
         self.listeners: list[Listener] = []
         self.tampering: dict[int, Callable[[float], float | None]] = {}
+        self._disturbed: dict[str, Callable[[Any], Any | None]] = {}  # what goes to the machine, by topic
         self._latency = latency
         self._speed = speed
         self.motors = {motor_command(k + 1).name: k for k in range(robot.number_of_cables)}
@@ -196,6 +197,24 @@ class ClosedLoop(Generic[M]):
             listen(topic, sample)
         self._carry_out(self.graph.on(topic, self._now, sample))
 
+    def disturb(self, topic: Topic, make: Callable[[], Callable[[Any], Any | None]]) -> Callable[[], None]:
+        """Let a topic go through what `make` makes, on its way to graph and machine; return what ends that."""
+        end = self.graph.disturb(topic, make())
+        self._disturbed[topic.name] = make()
+
+        def undo() -> None:
+            end()
+            del self._disturbed[topic.name]
+
+        return undo
+
+    def refuse(self, topic: Topic, problem: str) -> None:
+        """Give graph or machine a message that cannot be read."""
+        motor = self.motors.get(topic.name)
+        if motor is not None:
+            self.machine.reject_command(motor, problem)
+        self.graph.refuse(topic, problem)
+
     def _advance(self) -> None:
         self._carry_out(self.graph.advance(self._now))
         self.time.at(self._due, self._advance)
@@ -214,6 +233,10 @@ class ClosedLoop(Generic[M]):
                     sample = sample._replace(stamp_ns=self.time.system_ns())
                 for listen in self.listeners:
                     listen(topic, sample)
+                if topic.name in self._disturbed:
+                    sample = self._disturbed[topic.name](sample)
+                    if sample is None:
+                        continue
                 if topic is SUPERVISOR_ALIVE:
                     self.time.at(
                         self.time.monotonic() + self._latency,

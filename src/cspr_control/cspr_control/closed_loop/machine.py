@@ -42,6 +42,9 @@ class Machine(Protocol):
     def command(self, commands: Sequence[tuple[int, int, float]]) -> None:
         """Take commands: a motor from 0, the stamp of the motor states that it answers, ns, and a torque, N m."""
 
+    def reject_command(self, motor: int, problem: str) -> None:
+        """Take a command for a motor, from 0, that cannot be read."""
+
     def supervised(self, stamp_ns: int) -> None:
         """Take the supervisor's sign of life: the stamp of the newest motor states that it has checked, ns."""
 

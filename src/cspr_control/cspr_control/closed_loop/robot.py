@@ -144,6 +144,11 @@ class SimulatedRobot:
             for command in commands:
                 self.drives.command(*command)
 
+    def reject_command(self, motor: int, problem: str) -> None:
+        """Give a drive's driver a command that cannot be read."""
+        if self.driver_runs:
+            self.drives.reject_command(motor, problem)
+
     def supervised(self, stamp_ns: int) -> None:
         """Give the driver the supervisor's sign of life."""
         if self.driver_runs:
@@ -166,6 +171,14 @@ class SimulatedRobot:
                 commands[name] = partial(drives.wind, index, way)
         refusal = commands[service]()
         return Decision(refusal is None, refusal or "accepted")
+
+    def disturb(
+        self, bus: str, identifier: int, through: Callable[[bytes], bytes | None]
+    ) -> Callable[[], None]:
+        """Let frames go through a function, None for nothing; return what ends that."""
+        disturbed = self._buses[bus].disturbed
+        disturbed[identifier] = through
+        return partial(disturbed.__delitem__, identifier)
 
     def change_payload(
         self, payload: Payload, stamp_ns: int, duration: float = 0.0, sling: Sling | None = None

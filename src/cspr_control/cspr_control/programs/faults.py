@@ -6,13 +6,14 @@ import argparse
 import math
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from cspr_control.closed_loop.fault_outcome import PAYLOAD, Outcome, outcome_of
-from cspr_control.closed_loop.fault_scenarios import SCENARIOS, FaultScenario
+from cspr_control.closed_loop.fault_scenarios import SCENARIOS, FaultScenario, fault_pairs
 from cspr_control.closed_loop.loop import ClosedLoopError
+from cspr_control.closed_loop.signal_faults import KINDS, SIGNALS, signal_scenarios
 from cspr_control.errors import ControlError
 from cspr_control.programs.arguments import add_configuration_argument
 from cspr_kinematics import KinematicsError
@@ -32,10 +33,16 @@ EPILOG = """\
 examples:
   cspr faults                               all of them, some minutes; the table of docs/operation.md
   cspr faults drive_silent bus_cut          two of them
-  cspr faults --json faults.json            numbers for another program
+  cspr faults setpoint_stuck                a signal, and what happens to it
+  cspr faults --signals                     seven kinds of faults on every signal: a quarter of an hour
+  cspr faults --pairs 20 --seed 7           20 times two of them at once, drawn at random
+  cspr faults --json faults.json            numbers for another program: a row for each, held and moving
 
 Faults of devices, cables and buses have the names under which `cspr closed_loop --fault` injects them. It has one
 more, brake_weak: what does not hold cannot end held.
+
+Signals, the topics of the graph and the frames of one device, may be {kinds}. Of these the robot may bear some:
+it goes on, brakes open, and leaves its path by less than a centimetre.
 
 faults:
 """
@@ -48,7 +55,7 @@ exit status: 0 every fault ended as it must, 1 one did not, or nothing could be 
 class Row:
     """What became of a fault, held still and in motion; None where it cannot happen, in words where it ended wrong."""
 
-    fault: str
+    scenario: FaultScenario
     held: Outcome | str | None
     moving: Outcome | str | None
 
@@ -71,7 +78,34 @@ class Row:
             else o or "- | -"
             for o in both
         )
-        return f"| {self.fault} | {cause} | {way} | {' | '.join(cells)} | {lowest:.0f} |"
+        return f"| {self.scenario.name} | {cause} | {way} | {' | '.join(cells)} | {lowest:.0f} |"
+
+    def numbers(self) -> Iterator[dict[str, object]]:
+        """Yield the numbers of the robot that is held still, and of the one that moves."""
+        for moving, outcome in ((False, self.held), (True, self.moving)):
+            if outcome is not None:
+                yield {"name": self.scenario.name, "moving": moving, **_numbers(self.scenario, outcome)}
+
+
+def _numbers(scenario: FaultScenario, outcome: Outcome | str) -> dict[str, object]:
+    if isinstance(outcome, str):
+        return {"state": outcome}
+    harmless = outcome.duration is None
+    return {
+        "state": "enabled" if harmless else "fault",
+        "cause": outcome.cause,
+        "culprit_right": scenario.is_named(outcome.cause),
+        "noticed_ms": _ms(outcome.noticed),
+        "brakes_ms": _ms(outcome.duration),
+        "height_lost_mm": 1e3 * outcome.drop,
+        "moved_mm": 1e3 * outcome.moved,
+        "min_tension_N": outcome.lowest_tension,
+        "max_tension_N": outcome.highest_tension,
+    }
+
+
+def _ms(duration: float | None) -> float | None:
+    return None if duration is None else 1e3 * duration
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -85,13 +119,20 @@ def _run(options: argparse.Namespace) -> int:
     print("| fault | cause on `/robot_state` | stop | held: brakes, ms | height, mm ", end="")
     print("| moving: brakes, ms | height, mm | lowest tension, N |")
     print("|---|---|---|---|---|---|---|---|", flush=True)
-    for scenario in (s for s in SCENARIOS if s.name in (options.faults or [s.name])):
+    for scenario in _chosen(options):
         held, moving = (_outcome(scenario, moving, options.config) for moving in (False, True))
-        rows.append(Row(scenario.name, held, moving))
+        rows.append(Row(scenario, held, moving))
         print(rows[-1], flush=True)
     if options.json is not None:
-        write_json(options.json, rows)
+        write_json(options.json, [numbers for row in rows for numbers in row.numbers()])
     return int(any(isinstance(outcome, str) for row in rows for outcome in (row.held, row.moving)))
+
+
+def _chosen(options: argparse.Namespace) -> Iterator[FaultScenario]:
+    known = (*SCENARIOS, *signal_scenarios())
+    default = [scenario.name for scenario in known if options.signals is scenario.tolerable]
+    chosen = [scenario for scenario in known if scenario.name in (options.faults or default)]
+    return iter(chosen) if options.pairs is None else fault_pairs(chosen, options.pairs, options.seed)
 
 
 def _outcome(scenario: FaultScenario, moving: bool, config: Path) -> Outcome | str | None:
@@ -105,16 +146,32 @@ def _outcome(scenario: FaultScenario, moving: bool, config: Path) -> Outcome | s
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     names = [scenario.name for scenario in SCENARIOS]
-    epilog = EPILOG + textwrap.fill(", ".join(names), 110, initial_indent="  ", subsequent_indent="  ")
+    epilog = EPILOG.format(kinds=", ".join(KINDS)) + "\n\n".join(
+        textwrap.fill(", ".join(listed), 110, initial_indent="  ", subsequent_indent="  ")
+        for listed in (names, [f"{signal}_KIND" for signal in SIGNALS])
+    )
+    names += [scenario.name for scenario in signal_scenarios()]
     parser = program_parser("faults", DESCRIPTION, epilog, EXIT_STATUS, json="the numbers of the table")
     parser.add_argument("faults", nargs="*", metavar="FAULT", help="which; default: all")
     add_configuration_argument(parser)
+    parser.add_argument("--signals", action="store_true", help="all faults of signals instead of all others")
+    parser.add_argument(
+        "--pairs",
+        type=int,
+        metavar="N",
+        help="let N pairs happen instead, the second up to 0.3 s after the first",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the draw of pairs; default: 0")
     options = parser.parse_args(arguments)
+    if options.pairs is not None and options.pairs < 1:
+        parser.error(f"--pairs {options.pairs}: must be at least 1")
     for name in options.faults:
         if name not in names:
             parser.error(
                 f"there is no fault '{name}'{did_you_mean(name, names)} `cspr faults --help` lists them"
             )
+    if options.pairs is not None and len(options.faults) == 1:
+        parser.error("--pairs: two faults at least are needed, or none named for all")
     return options
 
 

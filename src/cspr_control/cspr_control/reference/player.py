@@ -62,6 +62,12 @@ class TrajectoryPlayer:
         self._stop_since = 0
         self._stop_from = 0.0  # path time, s
 
+    @property
+    def destination(self) -> Pose | None:
+        """Where the motion that is under way ends, as planned; where the reference rests, while it rests."""
+        followed = self._next or self._followed
+        return self.held_pose if followed is None else followed.sample(followed.duration).pose
+
     def hold(self, pose: Pose) -> None:
         """Hold a pose from now on, whatever was going on: for a robot that is not enabled."""
         self.held_pose = pose

@@ -12,6 +12,7 @@ from cspr_kinematics import GRAVITY, KinematicsError, Robot, solve_forward_kinem
 FloatArray = NDArray[np.float64]
 
 _OF_NO_ACCOUNT = 1.0  # m, standard deviation of a length that tells nothing
+_TAUT = 4.0  # times the lowest tension allowed; beyond it a cable is wound in no further
 _LARGEST_SAG = 0.005  # m by which other cables than the one looked at may be too long
 
 
@@ -71,7 +72,8 @@ def slack_problem(
     long = (excess > allowed * robot.winch.transmission_ratio) | (slack & np.isnan(excess))
     if not long.any():
         return ""
-    first = min(np.flatnonzero(long).tolist(), key=lambda k: (behind[k], tensions[k]))
+    taut = tensions > _TAUT * robot.tension_min  # winding it in would not end what another one shows
+    first = min(np.flatnonzero(long).tolist(), key=lambda k: (taut[k], behind[k], tensions[k]))
     others = [k for k in np.flatnonzero(long & slack) if k != first]
     too_long = f" and is {1e3 * excess[first]:.0f} mm too long" if math.isfinite(excess[first]) else ""
     also = "".join(f", cable_{k + 1} {tensions[k]:z.0f} N" for k in others)

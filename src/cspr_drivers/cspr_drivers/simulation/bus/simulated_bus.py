@@ -35,6 +35,8 @@ class SimulatedBus:
         The canopen network of the devices.
     timing
         The frames on the bus.
+    disturbed
+        What frames with an identifier go through on their way, None for nothing.
     driver_listens
         Whether the driver takes frames: a process that was stopped does not.
     """
@@ -46,6 +48,7 @@ class SimulatedBus:
     ) -> None:
         self.timing = BusTiming(bitrate)
         self.network = canopen.Network(self)
+        self.disturbed: dict[int, Callable[[bytes], bytes | None]] = {}
         self.driver_listens = True
         self.next_end = self.timing.next_end
         self._name = name
@@ -72,6 +75,11 @@ class SimulatedBus:
         """Give the frames that are through at a monotonic time, s, to whom they are for."""
         for _, sender, frame in self.timing.passed(now):
             frame.timestamp = self._clock.time_of_day()
+            if frame.arbitration_id in self.disturbed:
+                data = self.disturbed[frame.arbitration_id](bytes(frame.data))
+                if data is None:
+                    continue
+                frame.data = bytearray(data)
             if sender != DRIVER:
                 if self.driver_listens and self._port is not None:
                     self._port.receive(frame)
