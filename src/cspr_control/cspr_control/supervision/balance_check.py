@@ -142,7 +142,7 @@ class BalanceCheck:
         weight = self._mean[2]
         beyond = np.abs(self._mean) - self._tolerance
         allowed = self._tolerance[2] + self.settings.weight_accuracy * (
-            self._robot.platform.mass * _g + weight
+            self._robot.platform.mass * _g + max(weight, 0.0)
         )
         beyond[2] = max(lowest * _g - weight, weight - highest * _g) - allowed
         beyond[3:5] -= self._reach * max(weight, 0.0) + self._tolerance[2] * self._reach
