@@ -107,9 +107,12 @@ def test_a_brake_that_slips_leaves_the_drives_holding_until_the_load_is_let_down
     assert all(bench.in_operation)
     assert bench.drop < 0.002
     assert not loop.order("/supervisor/reset").accepted
+    loop.machine.devices[4].writers[0x605A, 0](1)  # a setting that is changed now must not let the load go
     assert loop.order("/supervisor/enable").accepted
     loop.wait_for(RobotState.ENABLED, 2.0)
     assert loop.cause == ""
+    loop.time.wait(1.0)
+    assert loop.state is RobotState.ENABLED
     down = np.array([0.0, 0.0, -0.1])
     loop.play(lambda here: PointToPoint(here, Pose(here.position + down, here.rotation), loop.player.limits))
     loop.wait_until(lambda: loop.player.phase.at_rest, 5.0, lambda: "it moves")

@@ -175,12 +175,15 @@ class DriveMaster:
         """Begin to release the brakes, of all drives or of one; return why not when that is refused.
 
         First all settings of these drives are read again: somebody may have changed them with the maker's program. One
-        that is no longer as it was set up stops that, by its name and both values, and is set up again.
+        that is no longer as it was set up stops that, by its name and both values, and is set up again. Drives that
+        hold the load, as a brake does not, are not asked: whatever they are set to, they must go on holding.
         """
-        concerned = range(len(self._devices)) if index is None else (index,)
+        concerned: Sequence[int] = range(len(self._devices)) if index is None else (index,)
         with self._storing, self._lock:
             if self._reading:
                 return "the settings of the drives are still being read: try again in a moment"
+            if self._cycle.group.state is DriverState.HELD_BY_DRIVES:
+                concerned = ()
             refusal = self._cycle.enable(self._clock.monotonic(), index, concerned)
             if refusal is not None:
                 return refusal
