@@ -52,6 +52,7 @@ PROGRAMS = {  # what ends by itself, and words that its --help must have
     "cspr": ("demo", "analyze", "commission"),
     "recover": ("--output", "examples:"),
     "replay": ("--rate", "--loop", "--start", "--topics", "examples:"),
+    "security": ("--motors", "examples:"),
     "commission": ("--config", "--answers", "--torque", "examples:"),
 }
 
