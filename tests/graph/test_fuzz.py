@@ -255,7 +255,7 @@ class Fuzz:
     def sound_cycles(self) -> None:
         """Let a sound robot at rest be heard for some cycles, and an operator enable it and start a trajectory."""
         m, stamp, graph = robot().number_of_cables, self.hostile.now_ns, self.graph
-        none, rest, tensions = np.empty(0), np.zeros(m), np.full(m, 500.0)
+        none, rest, tensions = np.empty(0), np.zeros(m), robot().home_tensions
         for service in (None, None, "/supervisor/reset", "/supervisor/enable", "/trajectory_publisher/start"):
             self.pass_time(0.004)
             stamp = self.hostile.now_ns

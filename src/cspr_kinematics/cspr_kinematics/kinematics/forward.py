@@ -93,7 +93,7 @@ def forward_kinematics(
     lengths: ArrayLike,
     guess: Pose | None = None,
     *,
-    max_iterations: int = 50,
+    max_iterations: int = 100,
     length_deviation: ArrayLike | None = None,
 ) -> Pose:
     """Return the pose at which the cables have the given lengths.
@@ -138,7 +138,7 @@ def solve_forward_kinematics(
     lengths: ArrayLike,
     guess: Pose | None = None,
     *,
-    max_iterations: int = 50,
+    max_iterations: int = 100,
     length_deviation: ArrayLike | None = None,
 ) -> ForwardKinematicsSolution:
     """Do the same as `forward_kinematics`, but report failures instead of raising an error.
