@@ -28,6 +28,7 @@ def test_each_signal_has_each_kind():
     [
         ("platform_pose_off", "stale topic: /platform_pose"),
         ("setpoint_stuck", ""),
+        ("reference_wrong", "following error: the set-point of motor_"),
         ("drive_frames_garbage", "motor_3"),
         ("motor_states_wrong", "motor_3"),
         ("cable_tensions_slow", None),
@@ -44,3 +45,4 @@ def test_a_robot_that_moves_is_held_or_goes_on(name, cause):
     else:
         assert outcome.duration is not None
         assert cause in outcome.cause
+        assert outcome.moved <= 0.035  # of an encoder or of a position at which all motors stand still

@@ -211,9 +211,10 @@ class SupervisionComponent(Component):
         return self._in_order(now, REFERENCE, sample.stamp_ns)
 
     def on_setpoint(self, now: float, sample: JointStateSample) -> Outputs:
-        """Store the set-point for the next check."""
-        self.supervisor.checks.observe_setpoint(now, sample)
-        return self._in_order(now, SETPOINT, sample.stamp_ns)
+        """Store the set-point for the next check; run the checks at once when no motor can follow it."""
+        stepped = self.supervisor.checks.observe_setpoint(now, sample)
+        doubled = self._order.observe(now, SETPOINT, sample.stamp_ns)
+        return self.update(now) if stepped or doubled else NOTHING
 
     def on_cable_tensions(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the tensions for the next check; run the checks at once when the lengths no longer fit."""

@@ -185,6 +185,7 @@ class SupervisionChecks:
         self._arrivals = dict.fromkeys(MonitoredInput, -math.inf)
         self._measured = self._desired = JointStateSample(0, *np.zeros((3, count)))
         self._desired_acceleration = np.zeros(count)
+        self._setpoint_step = ""  # of a set-point that no motor can follow, in words
         self._heard: dict[str, float] = {}  # when each node last said how it is
         self._failures: dict[str, tuple[float, str]] = {}  # when each node last failed, and how
         self._position = np.full(3, np.nan)
@@ -212,6 +213,7 @@ class SupervisionChecks:
         """
         out = self._way_outside()
         self._outside_when_enabled = np.where(np.isfinite(out), out, 0.0)
+        self._setpoint_step = ""
         for watch in self._watches.values():
             watch.clear()
 
@@ -242,13 +244,24 @@ class SupervisionChecks:
         self._position = position
         self._oriented = bool(np.isfinite(quaternion).all())
 
-    def observe_setpoint(self, time: float, sample: JointStateSample) -> None:
-        """Store desired motor angles (m,), rad, and speeds (m,), rad/s."""
+    def observe_setpoint(self, time: float, sample: JointStateSample) -> bool:
+        """Store desired motor angles (m,), rad, and speeds (m,), rad/s; return whether no motor could follow them."""
         self.observe_arrival(MonitoredInput.SETPOINT, time)
-        elapsed = (sample.stamp_ns - self._desired.stamp_ns) * 1e-9
-        if elapsed > 0.0:
-            self._desired_acceleration = (sample.velocity - self._desired.velocity) / elapsed
-        self._desired = sample
+        before, self._desired = self._desired, sample
+        elapsed = (sample.stamp_ns - before.stamp_ns) * 1e-9
+        if not elapsed > 0.0:
+            return False
+        self._desired_acceleration = (sample.velocity - before.velocity) / elapsed
+        steps = sample.position - before.position
+        within = np.abs(steps) <= self._motor_speed * elapsed + self._limits.starting_error
+        if within.all():
+            return False
+        worst = int(np.where(within, -1.0, np.nan_to_num(np.abs(steps), nan=np.inf)).argmax())
+        self._setpoint_step = (
+            f"the set-point of motor_{worst + 1} steps by {steps[worst]:z.1f} rad within {1e3 * elapsed:.0f} ms, which "
+            f"no motor can follow: who publishes /reference and /setpoint?"
+        )
+        return True
 
     def observe_tensions(self, time: float, tensions: NDArray[np.float64]) -> None:
         """Store measured cable tensions (m,), N."""
@@ -340,6 +353,8 @@ class SupervisionChecks:
             Whether all brakes are open, so that torques and tensions belong together.
         """
         faults = self._lasting_violations(time)
+        if self._setpoint_step:
+            faults.insert(0, Fault(FaultKind.FOLLOWING_ERROR, self._setpoint_step))
         if under_torque:
             faults += self._implausible_cells(time)
         else:
