@@ -33,7 +33,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 from tests.messages import from_diagnostic_array
 
-from cspr_msgs_py.runtime.process import advertise, sample_publisher, subscribe, subscribe_raw
+from cspr_msgs_py.runtime.process import advertise, subscribe, subscribe_raw
 from cspr_msgs_py.topics import (
     CABLE_TENSIONS,
     DIAGNOSTICS,
@@ -48,6 +48,7 @@ from cspr_msgs_py.topics import (
 )
 from cspr_msgs_py.wire.joint_state import JointStateCodec
 from cspr_msgs_py.wire.samples import SignOfLife
+from cspr_msgs_py.wire.topic_codecs import topic_codec
 
 ROOT = Path(__file__).parents[2]
 CHANNELS = ("vcan0", "vcan1")
@@ -238,11 +239,11 @@ class Probe:
         self._holding = None
         names = motor_names(MOTORS)
         self._states = JointStateCodec(names)
+        self._sign_of_life = topic_codec(SUPERVISOR_ALIVE, MOTORS).encode
         self._cells = JointStateCodec(cable_names(MOTORS), position=False, velocity=False)
         self._codecs = [JointStateCodec((name,), position=False, velocity=False) for name in names]
-        self._setpoints = advertise(self.node, SETPOINT)
-        self._alive = sample_publisher(self.node, SUPERVISOR_ALIVE)  # as a supervisor does
-        self._commands = [advertise(self.node, motor_command(k)) for k in range(1, MOTORS + 1)]
+        self._control = threading.Lock()  # over the publishers
+        self.lead()
         subscribe_raw(self.node, MOTOR_STATES, self._answer)
         subscribe_raw(self.node, CABLE_TENSIONS, self._measured)
         subscribe(self.node, DRIVE_STATES, self._note_drives)
@@ -253,6 +254,20 @@ class Probe:
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
+    def lead(self):
+        """Publish in place of controllers and supervisor, until they are to do so themselves: `leave`."""
+        self._setpoints = advertise(self.node, SETPOINT)
+        self._alive = advertise(self.node, SUPERVISOR_ALIVE)
+        self._commands = [advertise(self.node, motor_command(k)) for k in range(1, MOTORS + 1)]
+        self._leads = True
+
+    def leave(self):
+        """Leave all topics to their own publishers: a second one stops the robot."""
+        with self._control:
+            self._leads = False
+        for publisher in (self._setpoints, self._alive, *self._commands):
+            self.node.destroy_publisher(publisher)
+
     def _spin(self):
         while not self._stopping.is_set():
             self._executor.spin_once(timeout_sec=0.2)
@@ -261,9 +276,13 @@ class Probe:
         state = self._states.decode(buffer)
         self.state = state
         self.states += 1
-        self._alive(SignOfLife(state.stamp_ns))
-        if not self.answers or self.tensions is None:
-            return
+        with self._control:
+            if self._leads:
+                self._alive.publish(self._sign_of_life(SignOfLife(state.stamp_ns)))
+                if self.answers and self.tensions is not None:
+                    self._command(state)
+
+    def _command(self, state):
         if self._anchor is None:
             self._anchor = state.position.copy()
             self._holding = -0.05 / 30.0 * self.tensions  # drum radius over gear ratio

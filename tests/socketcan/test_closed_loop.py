@@ -43,7 +43,6 @@ def control_parameters(path, root, pace):
 
 
 def test_the_closed_loop_runs_along_a_trajectory(bench, executable, root, wire_report, capsys):
-    bench.probe.answers = False  # the controllers answer
     control_parameters(bench.directory / "control.yaml", root, bench.pace)
     probe, states, causes, errors = bench.probe, [], [], []
     setpoints = JointStateCodec(motor_names(8))
@@ -60,16 +59,17 @@ def test_the_closed_loop_runs_along_a_trajectory(bench, executable, root, wire_r
         subscribe(probe.node, ROBOT_STATE, note),
         subscribe_raw(probe.node, SETPOINT, compare),
     ]
+    probe.leave()
     control = executable(
         "control", "cspr_control.nodes.control", "--params-file", bench.directory / "control.yaml"
     )
     try:
         bench.until(lambda: states and states[-1] == "disabled", "the supervisor is not ready")
-        deadline = time.monotonic() + PATIENCE
+        deadline, refusal = time.monotonic() + PATIENCE, ""
         while states[-1] != "enabled":  # refused as long as the controllers are not all awake
-            assert time.monotonic() < deadline, bench.explain(f"not enabled: {states}")()
+            assert time.monotonic() < deadline, bench.explain(f"not enabled: {states}, {refusal}")()
             if states[-1] == "disabled":
-                probe.call("/supervisor/enable")
+                refusal = probe.call("/supervisor/enable").message
             time.sleep(0.3)
         bench.until(lambda: probe.call("/trajectory_publisher/start").success, "start is refused")
         errors.clear()
@@ -96,6 +96,7 @@ def test_the_closed_loop_runs_along_a_trajectory(bench, executable, root, wire_r
         control.end()
         for subscription in watching:
             probe.node.destroy_subscription(subscription)
+        probe.lead()
     assert "fault" not in states
     # it went somewhere, every winch turned: a revolution of a motor is 10 mm of cable
     assert ((highest - lowest) > 2.0 * np.pi).all()
