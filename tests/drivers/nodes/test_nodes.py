@@ -107,7 +107,15 @@ class Bench:
     def enable(self):
         self.until(lambda: self.state == "disabled")
         self.until(lambda: self.call("/can_drives/enable").success)
-        self.until(lambda: self.state == "enabled")
+        self.until(self._enabled)
+
+    def _enabled(self):
+        """Return whether the drives are enabled; after a pause of the computer, which is a fault, ask once more."""
+        if self.state == "fault" and "silent for" in self.cause:
+            self.call("/can_drives/fault_reset")
+        elif self.state == "disabled":
+            self.call("/can_drives/enable")
+        return self.state == "enabled"
 
     def close(self):
         for node in self.nodes:

@@ -31,6 +31,9 @@ from cspr_drivers.thread_end import telling
 from cspr_msgs_py.vocabulary import DriverState
 
 _HEARTBEAT_WATCH = 0.02  # s between two looks at the heartbeats of the drives
+_READERS = (
+    2  # drives of which settings are read at the same time: more would crowd the cycle out of a busy computer
+)
 
 
 class DriveMaster:
@@ -189,9 +192,9 @@ class DriveMaster:
                 return refusal
             self.cycle_clock.clear()
             self._reading.update(concerned)
-        for drive in concerned:
-            name = f"settings of {self.config.drives[drive].name}"
-            self._clock.start(telling(partial(self._read_again, drive), name, self._thread_ended), name)
+        for reader in range(min(_READERS, len(concerned))):
+            drives, name = concerned[reader::_READERS], f"reader {reader + 1} of settings"
+            self._clock.start(telling(partial(self._read_again, drives), name, self._thread_ended), name)
         return None
 
     def tensions(self, tensions: Sequence[float]) -> None:
@@ -356,20 +359,22 @@ class DriveMaster:
         with self._lock:
             return self._cycle.at_rest and index not in self._reading
 
-    def _read_again(self, index: int) -> None:
-        """Compare the settings of a drive that is to be enabled with those of its set-up; in a thread of its own."""
-        problem, facts = "", self._cycle.facts[index]
-        try:
-            if facts is not None:
-                check_drive(self._devices[index], self.config, self.config.drives[index], facts)
-        except DeviceError as error:
-            problem = error.problem
-        with self._lock:
-            self._reading.discard(index)
-            if not problem:
-                self._cycle.group.confirmed(index, self._clock.monotonic())
-        if problem:
-            self._lose(index, f"settings read again before enabling: {problem}")
+    def _read_again(self, indices: Sequence[int]) -> None:
+        """Compare the settings of drives that are to be enabled with those of their set-up; in a thread of its own."""
+        for index in indices:
+            problem, facts = "", self._cycle.facts[index]
+            try:
+                if facts is not None:
+                    check_drive(self._devices[index], self.config, self.config.drives[index], facts)
+            except DeviceError as error:
+                problem = error.problem
+            with self._lock:
+                self._reading.difference_update(indices if problem else (index,))
+                if not problem:
+                    self._cycle.group.confirmed(index, self._clock.monotonic())
+            if problem:
+                self._lose(index, f"settings read again before enabling: {problem}")
+                return
 
     def _watch_devices(self, now: float) -> None:
         if now < self._heartbeats_due:
