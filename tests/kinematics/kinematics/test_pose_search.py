@@ -138,6 +138,15 @@ def test_no_wrong_pose_is_believed(
         assert angle_between(solution.pose, pose).max() < np.deg2rad(3.0)
 
 
+def test_rounding_of_long_cables_does_not_stall_the_iteration(cogiro: Robot) -> None:
+    """At the minimum the costs of neighbours differ by less than cables of 10 m are rounded."""
+    pose = Pose([-5.0, -4.0, 1.0], np.eye(3))
+    noise = cogiro.length_deviation * np.random.default_rng(1).normal(size=(5000, cogiro.number_of_cables))
+    solution = solve_forward_kinematics(cogiro, cable_lengths(cogiro, pose) + noise, cogiro.home)
+    assert solution.converged.all()
+    assert solution.iterations < 20
+
+
 def test_a_guess_on_another_branch_is_not_believed(robot: Robot, rng: np.random.Generator) -> None:
     """From anywhere: what converges is the true pose, or as near to the guess as a moving platform to its last pose."""
     pose = Pose.from_euler([0.5, -0.2, 1.2], 0.1, -0.1, 0.2)

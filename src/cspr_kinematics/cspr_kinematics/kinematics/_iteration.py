@@ -18,8 +18,9 @@ GRADIENT_TOLERANCE = 1e-9
 _INITIAL_DAMPING = 1e-6
 _LEAST_DAMPING = 1e-12
 _LARGEST_DAMPING = 1e12
-# Allowance for rounding when costs are compared: close to the minimum all steps change them by less.
-_COST_ROUNDING = 1.0 + 1e-12
+# Lengths are rounded to this part of themselves, and costs with them: close to the minimum all steps change the cost
+# by less, and whether a step led nearer is seen in the gradient alone.
+_LENGTH_ROUNDING = 1e-15
 
 # How the iteration ended.
 CONVERGED = 0
@@ -63,6 +64,21 @@ def cosine_between(one: FloatArray, other: FloatArray) -> float:
 
 
 @kernel
+def _cost_gradient(
+    weights: FloatArray, error: FloatArray, jacobian: FloatArray, gradient: FloatArray
+) -> float:
+    """Fill in the derivatives of the cost by the first unknowns; return the largest absolute one."""
+    largest = 0.0
+    for j in range(gradient.size):
+        value = 0.0
+        for i in range(error.size):
+            value += jacobian[i, j] * weights[i] * error[i]
+        gradient[j] = value
+        largest = max(largest, abs(value))
+    return largest
+
+
+@kernel
 def improve_pose(
     geometry: FloatArray,
     target: FloatArray,
@@ -79,22 +95,21 @@ def improve_pose(
     trial_position, trial_rotation = np.empty(3), np.empty((3, 3))
     trial_error, trial_jacobian = np.empty(m), np.empty((m, 6))
     normal, damped = np.empty((unknowns, unknowns)), np.empty((unknowns, unknowns))
-    gradient, step = np.empty(unknowns), np.empty(unknowns)
+    gradient, step, trial_gradient = np.empty(unknowns), np.empty(unknowns), np.empty(unknowns)
     damping = _INITIAL_DAMPING
     cost = length_errors(geometry, target, weights, position, rotation, error, jacobian)
     if cost == math.inf:
         return BEYOND_PULLEY, 0, cost
     iterations = 0
     improved = True
+    rounding = trial_largest = 0.0
+    largest = _cost_gradient(weights, error, jacobian, gradient)
     while True:
         if improved:
-            largest = 0.0
+            rounding = 0.0
+            for i in range(m):
+                rounding += _LENGTH_ROUNDING * target[i] * weights[i] * abs(error[i])
             for j in range(unknowns):
-                value = 0.0
-                for i in range(m):
-                    value += jacobian[i, j] * weights[i] * error[i]
-                gradient[j] = value
-                largest = max(largest, abs(value))
                 for k in range(j + 1):
                     value = 0.0
                     for i in range(m):
@@ -121,8 +136,12 @@ def improve_pose(
             trial_cost = length_errors(
                 geometry, target, weights, trial_position, trial_rotation, trial_error, trial_jacobian
             )
-            improved = trial_cost <= cost * _COST_ROUNDING
+            if trial_cost <= cost + rounding:
+                trial_largest = _cost_gradient(weights, trial_error, trial_jacobian, trial_gradient)
+                improved = trial_cost < cost - rounding or trial_largest < largest
         if improved:
+            assign_vector(gradient, trial_gradient)
+            largest = trial_largest
             assign_vector(position, trial_position)
             assign_matrix(rotation, trial_rotation)
             assign_vector(error, trial_error)
