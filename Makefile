@@ -69,7 +69,7 @@ else
 endif
 
 # More workers than some machines have CPUs: many tests wait for other processes.
-WHOLE := tests/graph/test_closed_loop.py
+WHOLE := tests/graph/test_closed_loop.py tests/graph/test_frozen_reader.py
 test-parts: $(READY)
 	@echo "== tests"
 	$(PYTEST) -q -n 4 --dist worksteal --ignore $(WHOLE) $(ARGS)

@@ -31,6 +31,7 @@ SIBLINGS = {  # a place in a package: what it may import of the others; the long
 ROS = ("rclpy", "builtin_interfaces", "std_srvs", "rcl_interfaces", "ament_index_python", "rosidl_parser")
 NODES = tuple(f"{package}.nodes" for package in PACKAGES)
 CONVERSION = ("cspr_msgs_py.runtime", "cspr_msgs_py.wire.conversion", "cspr_msgs_py.qos")
+LIVE = ("cspr_control.programs.demo", "cspr_control.programs.faults")
 SIMULATION = ("cspr_drivers.simulation", "cspr_drivers.commission")
 
 
@@ -43,8 +44,8 @@ class Rule(NamedTuple):
 
 
 RULES = (
-    Rule(PACKAGES, ("ROS",), (*NODES, *CONVERSION, "cspr_control.programs.demo")),
-    Rule(PACKAGES, NODES, (*NODES, "cspr_control.programs.demo")),
+    Rule(PACKAGES, ("ROS",), (*NODES, *CONVERSION, *LIVE)),
+    Rule(PACKAGES, NODES, (*NODES, *LIVE)),
     Rule(PACKAGES, (*BESIDE_THE_PRODUCT, "docs")),
     Rule(
         ("cspr_control",),

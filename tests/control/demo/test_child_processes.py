@@ -53,6 +53,27 @@ def test_children_end_in_the_reverse_order_of_their_start(modules: Path, tmp_pat
     assert journal.read_text(encoding="utf-8").split() == ["third", "second", "first"]
 
 
+def test_a_frozen_child_stands_still_and_goes_on(modules: Path, tmp_path: Path) -> None:
+    def state() -> str:
+        stat = Path(f"/proc/{children._children['first'].pid}/stat").read_text(encoding="utf-8")
+        return stat.rpartition(") ")[2][0]
+
+    def wait_until(frozen: bool) -> None:
+        deadline = time.monotonic() + 120.0
+        while (state() == "T") != frozen:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+    journal = tmp_path / "journal"
+    with ChildProcesses(tmp_path / "log") as children:
+        children.start("first", "obedient", ["first", str(journal)])
+        wait_for_log(children, "first", "ready")
+        with children.frozen("first"):
+            wait_until(frozen=True)
+        wait_until(frozen=False)
+    assert journal.read_text(encoding="utf-8").split() == ["first"]
+
+
 def test_a_child_that_does_not_listen_is_killed(modules: Path, tmp_path: Path) -> None:
     with ChildProcesses(tmp_path / "log", grace=0.2) as children:
         children.start("deaf", "deaf")

@@ -13,7 +13,8 @@ import yaml
 from rclpy.context import Context
 from rclpy.node import Node
 
-from cspr_control.demo.scenario import DemoError, Scenario, ros_parameter
+from cspr_control.demo.graph_processes import ros_parameter
+from cspr_control.demo.scenario import DemoError, Scenario
 from cspr_control.parameters.experiment import AddedPayload
 from cspr_drivers.config.can_config import CanConfig
 from cspr_msgs_py.parameters.file import ParameterFile

@@ -328,9 +328,17 @@ def test_pairs_are_of_two_faults_that_can_come_together():
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [(["--pairs", "0"], "must be at least 1"), (["quick_stop", "--pairs", "2"], "two faults")],
+    [
+        (["--pairs", "0"], "--pairs 0: must be at least 1"),
+        (["quick_stop", "--pairs", "2"], "two faults"),
+        (["--live", "0"], "--live 0: must be at least 1"),
+        (["reader_frozen"], "reader_frozen needs the middleware: give --live as well"),
+        (["--live", "quick_stop"], "invalid int value: 'quick_stop'"),
+        (["--live", "3", "quick_stop"], "--live is about reader_frozen alone"),
+        (["--live", "--pairs", "2"], "--live is about reader_frozen alone"),
+    ],
 )
-def test_a_draw_of_pairs_that_is_none(options, words, capsys):
+def test_options_that_make_no_sense_together(options, words, capsys):
     with pytest.raises(SystemExit):
         faults.main(options)
     assert words in capsys.readouterr().err

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -67,6 +67,16 @@ class ChildProcesses:
                     f"{name} ended with {_status_text(status)}; its last output (all of it: {self.log(name)}):\n"
                     f"{self._last_words(name) or '(it said nothing)'}"
                 )
+
+    @contextlib.contextmanager
+    def frozen(self, name: str) -> Iterator[None]:
+        """Let a child stand still, as a debugger or a computer that swaps would, for as long as the context lasts."""
+        child = self._children[name]
+        child.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            child.send_signal(signal.SIGCONT)
 
     def end(self) -> None:
         """End every child: SIGINT in the reverse order of the start, SIGKILL after the grace period."""

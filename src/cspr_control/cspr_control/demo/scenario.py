@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -99,19 +98,6 @@ class Scenario(Experiment):
     def priority_arguments(self) -> list[str]:
         """ROS arguments of control and the simulated robot."""
         return ["-p", "realtime_priority:=50"] if self.realtime else []
-
-
-def ros_arguments(config: Path, **files: str) -> list[str]:
-    """ROS arguments by which nodes find, by parameter, the files of a configuration directory that they read."""
-    arguments = ["--ros-args", "--params-file", str(config / "control.yaml")]
-    for name, file in files.items():
-        arguments += ros_parameter(name, str(config / file))
-    return arguments
-
-
-def ros_parameter(name: str, value: str | list[str]) -> list[str]:
-    """ROS arguments that give a parameter texts: ROS reads YAML, of which JSON is a part, quotes included."""
-    return ["-p", f"{name}:={json.dumps(value)}"]
 
 
 def _relax(limits: dict[str, float], least: dict[str, float]) -> None:

@@ -7,7 +7,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from cspr_control.demo.child_processes import ChildProcesses
+from cspr_control.demo.graph_processes import MODULES
 from cspr_control.demo.scenario import DemoError
 from cspr_control.errors import ControlError
 from cspr_msgs_py import topics
@@ -185,6 +186,12 @@ class Operator:
         self._client, self._children, self._progress, self._speed = client, children, progress, speed
         self._now, self._sleep = now, sleep
         self._refusal = ""  # of the service that was asked last
+
+    def begin(self, processes: Mapping[str, Sequence[str]]) -> None:
+        """Start the processes of a graph, each by its name with its arguments, and wait until all of them are there."""
+        for name, arguments in processes.items():
+            self._children.start(name, MODULES[name], arguments)
+        self.wait("starting", lambda: not self._client.missing, 120.0, lambda: self._client.missing)
 
     def wait(self, step: str, done: Callable[[], bool], limit: float, why_not: Callable[[], str]) -> None:
         """Wait until something is so, and say why it is not when that takes too long."""

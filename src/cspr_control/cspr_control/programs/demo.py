@@ -19,28 +19,21 @@ from cspr_control.analysis.recording import read_recording
 from cspr_control.analysis.results import FIGURES, REPORT, default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
 from cspr_control.demo.child_processes import ChildProcesses
+from cspr_control.demo.graph_processes import graph_processes
 from cspr_control.demo.ros_domain import claim_domain
-from cspr_control.demo.scenario import Scenario, ros_arguments, ros_parameter
+from cspr_control.demo.scenario import Scenario
 from cspr_control.errors import ControlError
 from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
-from cspr_control.parameters.control_settings import robot_file
 from cspr_control.parameters.experiment import MEASURING, SETTLING
 from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment
 from cspr_msgs_py.errors import StartError
 from cspr_msgs_py.json_file import write_json
-from cspr_msgs_py.parameters.file import ParameterFile
 from cspr_msgs_py.programs.command_line import number, program_parser, run_program
 from cspr_msgs_py.security.discovery import stay
 from cspr_msgs_py.security.enforcement import enforce
 from cspr_msgs_py.vocabulary import Controller, FeedforwardModel, TrajectoryPhase
 
 COMPARED = [*((controller, False) for controller in Controller), (Controller.PDFF, True)]
-PACKAGES = {
-    "simulated_robot": "cspr_drivers.nodes.simulated_robot",
-    "control": "cspr_control.nodes.control",
-    "recorder": "cspr_msgs_py.nodes.recorder",
-    "robot_markers": "cspr_control.nodes.robot_markers",
-}
 DESCRIPTION = """\
 Run the complete node graph on a simulated robot, record it, and report how well it did.
 
@@ -184,12 +177,6 @@ def _realtime_problem() -> str | None:
     return None
 
 
-def _cpus() -> tuple[int, int, int]:
-    """CPUs for control, the simulated robot and the recorder: one each as far as there are any."""
-    allowed = sorted(os.sched_getaffinity(0))
-    return allowed[0], allowed[1 % len(allowed)], allowed[2] if len(allowed) > 2 else allowed[0]
-
-
 def _new_run_directory(runs: Path) -> Path:
     """Make runs/<UTC time>/ and let runs/latest point there."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
@@ -207,30 +194,13 @@ def _new_run_directory(runs: Path) -> Path:
 
 
 def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tuple[RunSummary, RunAnalysis]:
-    config = directory / "config"
-    scenario.copy_configuration(source, config)
-    control_cpu, robot_cpu, recorder_cpu = (["-p", f"cpu:={cpu}"] for cpu in _cpus())
-    attached = sorted(str(path) for path in config.rglob("*") if path.is_file())
-    robot = robot_file(ParameterFile.from_yaml(config / "control.yaml"))
-    robot_arguments = ros_arguments(config, can_config="can.yaml", simulation_config="simulation.yaml")
-    control_arguments = ros_arguments(config, robot_config=robot)
-    output = ros_parameter("output", str(directory / "bag"))
-    started = {
-        "recorder": ["--ros-args", *output, *ros_parameter("attach", attached), *recorder_cpu],
-        "simulated_robot": robot_arguments + scenario.priority_arguments() + robot_cpu,
-        "control": control_arguments + scenario.control_arguments() + control_cpu,
-    }
-    if markers:
-        started["robot_markers"] = control_arguments + recorder_cpu
-
+    processes = graph_processes(scenario, source, directory, markers)
     grace = 8.0 / scenario.speed  # the drives close their brakes in it
     with ChildProcesses(directory / "log", grace) as children, demo_client() as client:
         progress = Progress(scenario.label, client)
         run = Operator(client, children, progress, scenario.speed)
         try:
-            for name, arguments in started.items():
-                children.start(name, PACKAGES[name], arguments)
-            run.wait("starting", lambda: not client.missing, 120.0, lambda: client.missing)
+            run.begin(processes)
             run.enable(30.0)
             run.pause("measuring the payload", MEASURING)
             run.call("/trajectory_publisher/start", 10.0)
@@ -260,7 +230,7 @@ def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tu
             raise
         finally:
             progress.end()
-    recorded = read_recording(directory / "bag", configuration_directory=config)
+    recorded = read_recording(directory / "bag", configuration_directory=directory / "config")
     chosen: dict[str, Any] = {"controller": scenario.controller, "exact_mass": scenario.exact_mass}
     analysis = analyse_recording(replace(recorded, outcome=chosen), scenario.label)
     summary = RunSummary.of(analysis.metrics, **chosen)

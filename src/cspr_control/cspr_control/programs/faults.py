@@ -36,16 +36,25 @@ examples:
   cspr faults setpoint_stuck                a signal, and what happens to it
   cspr faults --signals                     seven kinds of faults on every signal: a quarter of an hour
   cspr faults --pairs 20 --seed 7           20 times two of them at once, drawn at random
+  cspr faults --live                        what needs the middleware: real processes, one of them frozen
   cspr faults --json faults.json            numbers for another program: a row for each, held and moving
 
 Faults of devices, cables and buses have the names under which `cspr closed_loop --fault` injects them. It has one
 more, brake_weak: what does not hold cannot end held.
 
-Signals, the topics of the graph and the frames of one device, may be {kinds}. Of these the robot may bear some:
-it goes on, brakes open, and leaves its path by less than a centimetre.
+Signals, the topics of the graph and the frames of one device, may be
+{kinds}. Of these the robot may bear some: it goes on, brakes open, and
+leaves its path by less than a centimetre.
+
+One more, {live}, is about the middleware, and needs --live: recorder, control and simulated robot run as in
+`cspr demo`, and the recorder is frozen (SIGSTOP) for two seconds, again and again. Nothing must come of it.
 
 faults:
 """
+LIVE = "reader_frozen"
+"""The fault that needs real processes."""
+
+_FREEZES = 20  # unless said otherwise
 EXIT_STATUS = """\
 exit status: 0 every fault ended as it must, 1 one did not, or nothing could be simulated, 2 wrong arguments,
 130 interrupted"""
@@ -115,6 +124,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    if options.live is not None:
+        return _run_live(options)
     rows = []
     print("| fault | cause on `/robot_state` | stop | held: brakes, ms | height, mm ", end="")
     print("| moving: brakes, ms | height, mm | lowest tension, N |")
@@ -126,6 +137,38 @@ def _run(options: argparse.Namespace) -> int:
     if options.json is not None:
         write_json(options.json, [numbers for row in rows for numbers in row.numbers()])
     return int(any(isinstance(outcome, str) for row in rows for outcome in (row.held, row.moving)))
+
+
+def _run_live(options: argparse.Namespace) -> int:
+    """Freeze a reader of a live graph; only this needs the middleware, and imports it."""
+    from cspr_control.nodes.frozen_reader import freezes
+
+    rows: list[dict[str, object]] = []
+    for number, each in enumerate(freezes(options.config, options.live), 1):
+        rows.append({
+            "name": LIVE,
+            "moving": each.moving,
+            "state": "fault" if each.cause else "enabled",
+            "cause": each.cause,
+            "culprit_right": not each.cause,
+            "height_lost_mm": None if each.moving else 1e3 * each.drop,
+            "moved_mm": None if each.moving else 1e3 * each.moved,
+            "min_tension_N": each.lowest_tension,
+            "max_tension_N": each.highest_tension,
+            "longest_pause_ms": 1e3 * each.pause,
+            "longest_pause_before_ms": 1e3 * each.pause_before,
+        })  # fmt: skip
+        what = f"{LIVE} {number:3d} of {options.live}, {'moving' if each.moving else 'held  '}"
+        pause = f"{1e3 * each.pause:.0f} ms at most ({1e3 * each.pause_before:.0f} ms before)"
+        print(
+            f"{what}: torque commands paused for {pause}; {each.cause or 'the robot goes on'}",
+            flush=True,
+        )
+    stopped = sum(bool(row["cause"]) for row in rows)
+    print(f"{LIVE}: {stopped} of {len(rows)} stopped the robot")
+    if options.json is not None:
+        write_json(options.json, rows)
+    return int(stopped > 0)
 
 
 def _chosen(options: argparse.Namespace) -> Iterator[FaultScenario]:
@@ -146,7 +189,7 @@ def _outcome(scenario: FaultScenario, moving: bool, config: Path) -> Outcome | s
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     names = [scenario.name for scenario in SCENARIOS]
-    epilog = EPILOG.format(kinds=", ".join(KINDS)) + "\n\n".join(
+    epilog = EPILOG.format(kinds=", ".join(KINDS), live=LIVE) + "\n\n".join(
         textwrap.fill(", ".join(listed), 110, initial_indent="  ", subsequent_indent="  ")
         for listed in (names, [f"{signal}_KIND" for signal in SIGNALS])
     )
@@ -161,11 +204,20 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         metavar="N",
         help="let N pairs happen instead, the second up to 0.3 s after the first",
     )
+    parser.add_argument(
+        "--live", type=int, nargs="?", const=_FREEZES, metavar="N",
+        help=f"freeze the recorder of a live graph N times, half of them in motion; default: {_FREEZES}",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the draw of pairs; default: 0")
     options = parser.parse_args(arguments)
-    if options.pairs is not None and options.pairs < 1:
-        parser.error(f"--pairs {options.pairs}: must be at least 1")
-    for name in options.faults:
+    for option in ("pairs", "live"):
+        if (number := getattr(options, option)) is not None and number < 1:
+            parser.error(f"--{option} {number}: must be at least 1")
+    if options.live is None and LIVE in options.faults:
+        parser.error(f"{LIVE} needs the middleware: give --live as well")
+    if options.live is not None and (options.signals or options.pairs or set(options.faults) - {LIVE}):
+        parser.error(f"--live is about {LIVE} alone")
+    for name in options.faults if options.live is None else ():
         if name not in names:
             parser.error(
                 f"there is no fault '{name}'{did_you_mean(name, names)} `cspr faults --help` lists them"

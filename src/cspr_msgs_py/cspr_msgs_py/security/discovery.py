@@ -3,6 +3,11 @@
 LOCALHOST by itself only ends the search: a host that names this one in its ROS_STATIC_PEERS still reaches sockets that
 listen on all interfaces. So Fast DDS is told to listen on the loopback interface alone. Whoever asks for more, by
 ROS's own variables, gets it.
+
+Nor is shared memory used: its queues have locks, and a process that is stopped while it holds one, as by a debugger,
+holds up all others that publish to it: for 2 s of 2 s in one of about ten tries, with LOCALHOST, for which ROS adds
+shared memory to whatever a file says. Where the file says all of it, the range is therefore SYSTEM_DEFAULT, "as the
+middleware's own configuration says".
 """
 
 from __future__ import annotations
@@ -18,8 +23,12 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 LOOPBACK = Path(__file__).with_name("loopback.xml")
 """The transports of Fast DDS that do not leave this computer."""
 
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+
 _HERE = "LOCALHOST"
-_RANGES = (_HERE, "SUBNET", "OFF", "SYSTEM_DEFAULT")
+_AS_FILED = "SYSTEM_DEFAULT"
+_FAST_DDS = "rmw_fastrtps"
+_RANGES = (_HERE, "SUBNET", "OFF", _AS_FILED)
 
 
 def stay_by_default(environment: MutableMapping[str, str]) -> None:
@@ -33,18 +42,24 @@ def stay_by_default(environment: MutableMapping[str, str]) -> None:
     chosen = environment.get(RANGE) or _HERE
     if chosen not in _RANGES:
         raise StartError(f"{RANGE}={chosen}: ROS knows {', '.join(_RANGES)}")
-    environment[RANGE] = chosen
-    if (environment.get(PROFILES) or str(LOOPBACK)) != str(LOOPBACK):
+    ours = environment.get(PROFILES) == str(LOOPBACK)
+    environment[RANGE] = _HERE if ours and chosen == _AS_FILED else chosen
+    if environment.get(PROFILES) and not ours:
         return  # the user's own transports
     if _beyond(environment):
         environment.pop(PROFILES, None)
-    else:
-        environment[PROFILES] = str(LOOPBACK)
+        environment[TRANSPORTS] = environment.get(TRANSPORTS) or "UDPv4"
+        return
+    environment[PROFILES] = str(LOOPBACK)
+    if environment[RANGE] == _HERE and (environment.get("RMW_IMPLEMENTATION") or _FAST_DDS).startswith(
+        _FAST_DDS
+    ):
+        environment[RANGE] = _AS_FILED
 
 
 def stay(environment: MutableMapping[str, str]) -> None:
     """Choose this computer alone, whatever the user has chosen: for what must never meet a robot."""
-    for name in (RANGE, PROFILES, *PEERS):
+    for name in (RANGE, PROFILES, TRANSPORTS, *PEERS):
         environment.pop(name, None)
     stay_by_default(environment)
 
@@ -61,6 +76,7 @@ def reach(environment: Mapping[str, str]) -> str:
 
 def _beyond(environment: Mapping[str, str]) -> list[str]:
     """Return what the user has set to reach beyond this computer."""
-    asked = [] if environment[RANGE] in (_HERE, "OFF") else [RANGE]
+    as_filed = environment[RANGE] == _AS_FILED and environment.get(PROFILES) == str(LOOPBACK)
+    asked = [] if as_filed or environment[RANGE] in (_HERE, "OFF") else [RANGE]
     asked += [name for name in PEERS if environment.get(name)]
     return [f"{name}={environment[name]}" for name in asked]
