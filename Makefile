@@ -72,7 +72,7 @@ endif
 WHOLE := tests/graph/test_closed_loop.py tests/graph/test_frozen_reader.py
 test-parts: $(READY)
 	@echo "== tests"
-	$(PYTEST) -q -n 4 --dist worksteal --ignore $(WHOLE) $(ARGS)
+	$(PYTEST) -q -n 4 --dist worksteal $(addprefix --ignore=,$(WHOLE)) $(ARGS)
 test-whole: $(READY)
 	@echo "== tests of the whole graph, which need the CPUs to themselves"
 	$(PYTEST) -q $(WHOLE)
