@@ -1,8 +1,8 @@
-# Targets: demo, test, soak, test-socketcan, lint, bench, paper, sensitivity, build, clean. Each makes what it needs,
-# the virtual environment included.
+# Targets: demo, test, soak (soak-graph, soak-draws), test-socketcan, lint, bench, paper, sensitivity, build, clean.
+# Each makes what it needs, the virtual environment included.
 #   make demo ARGS="--controller static --payload 200"     options of the demo: make demo ARGS=--help
 #   make test ARGS="tests/kinematics -k jacobian"          arguments for pytest
-#   make test SEED=7                                       other random examples; make soak draws them for hours
+#   make test SEED=7                                       other random examples; make soak-draws draws them for hours
 #   make PYTHON=python3.12 VENV=.venv-3.12 test            another interpreter in an environment of its own
 PYTHON ?= python3
 VENV ?= .venv
@@ -19,7 +19,7 @@ PYTEST := $(VENV)/bin/python -m pytest $(if $(SEED),--seed $(SEED))
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONPATH ROS_STATIC_PEERS ROS_DISCOVERY_SERVER
 
-.PHONY: help hook demo test test-parts test-whole soak test-socketcan lint bench paper sensitivity build clean
+.PHONY: help hook demo test test-parts test-whole soak soak-graph soak-draws test-socketcan lint bench paper sensitivity build clean
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -6
 
@@ -77,8 +77,15 @@ test-whole: $(READY)
 	@echo "== tests of the whole graph, which need the CPUs to themselves"
 	$(PYTEST) -q $(WHOLE)
 
+soak: soak-graph soak-draws
+
+# What grows in a day's work: memory, descriptors, threads, shared memory.
+soak-graph: $(READY)
+	@echo "== soak: 20 minutes live, then an hour in simulated time"
+	$(VENV)/bin/python -m benchmarks.soak
+
 # Every test that draws random numbers, ROUNDS times as many of them, from SEED on.
-soak: $(READY)
+soak-draws: $(READY)
 	@echo "== soak: $(ROUNDS) rounds of every test that draws random numbers"
 	$(PYTEST) -q -n auto --dist worksteal --rounds $(ROUNDS) $(ARGS)
 

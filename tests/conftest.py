@@ -3,7 +3,7 @@
 A ROS domain of its own for each process of the tests, whatever the shell has set: no robot hears a test.
 
 What is drawn at random is the same in every run: one round, from seed 0. `--seed N` draws other examples, the same ones
-for the same N, and `--rounds N` (`make soak`) runs nothing but the tests that draw, N times as long.
+for the same N, and `--rounds N` (`make soak-draws`) runs nothing but the tests that draw, N times as long.
 """
 
 import os

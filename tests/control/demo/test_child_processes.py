@@ -55,7 +55,7 @@ def test_children_end_in_the_reverse_order_of_their_start(modules: Path, tmp_pat
 
 def test_a_frozen_child_stands_still_and_goes_on(modules: Path, tmp_path: Path) -> None:
     def state() -> str:
-        stat = Path(f"/proc/{children._children['first'].pid}/stat").read_text(encoding="utf-8")
+        stat = Path(f"/proc/{children.pids()['first']}/stat").read_text(encoding="utf-8")
         return stat.rpartition(") ")[2][0]
 
     def wait_until(frozen: bool) -> None:

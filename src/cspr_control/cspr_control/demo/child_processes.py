@@ -68,6 +68,10 @@ class ChildProcesses:
                     f"{self._last_words(name) or '(it said nothing)'}"
                 )
 
+    def pids(self) -> dict[str, int]:
+        """Process ids by name."""
+        return {name: child.pid for name, child in self._children.items()}
+
     @contextlib.contextmanager
     def frozen(self, name: str) -> Iterator[None]:
         """Let a child stand still, as a debugger or a computer that swaps would, for as long as the context lasts."""

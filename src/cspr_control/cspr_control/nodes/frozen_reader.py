@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,24 +12,19 @@ from typing import Any
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from cspr_control.demo.child_processes import ChildProcesses
-from cspr_control.demo.graph_processes import graph_processes
-from cspr_control.demo.ros_domain import claim_domain
-from cspr_control.demo.scenario import DemoError, Scenario
-from cspr_control.nodes.demo_operator import DemoClient, Operator, Progress, demo_client
-from cspr_control.parameters.experiment import MEASURING
+from cspr_control.demo.scenario import Scenario
+from cspr_control.nodes.demo_operator import DemoClient
+from cspr_control.nodes.live_graph import LiveGraph, live_graph
 from cspr_msgs_py import topics
 from cspr_msgs_py.message_definitions import message_class
 from cspr_msgs_py.runtime.process import subscribe_samples
-from cspr_msgs_py.security.discovery import stay
-from cspr_msgs_py.vocabulary import RobotState, TrajectoryName, TrajectoryPhase
+from cspr_msgs_py.vocabulary import RobotState, TrajectoryName
 from cspr_msgs_py.wire.message_values import nanoseconds
 from cspr_msgs_py.wire.samples import PoseSample
 
 _PAYLOAD = 200.0  # kg
 _FROZEN = 2.0  # s for which the reader stands still
 _BETWEEN = 2.0  # s for which it runs again
-_PATIENCE = 60.0  # s
 _QUEUED = 2000  # commands that wait for a watcher that is held up itself
 
 
@@ -115,55 +108,22 @@ def freezes(source: Path, times: int) -> Iterator[Freeze]:
         If a process ends, or the robot cannot be enabled.
     """
     scenario = Scenario(trajectory=TrajectoryName.SMOOTH_19, payload=_PAYLOAD, added=())
-    stay(os.environ)
-    with (
-        tempfile.TemporaryDirectory(prefix="cspr-faults-") as directory,
-        claim_domain(),
-        ChildProcesses(Path(directory) / "log") as children,
-        demo_client() as client,
-    ):
-        run = Operator(client, children, Progress("reader_frozen", client), 1.0)
-        try:
-            run.begin(graph_processes(scenario, source, Path(directory)))
-            watcher = _Watcher(client)
-            for index in range(times):
-                moving = index >= times // 2
-                _make_ready(run, client, moving)
-                yield _freeze(run, client, children, watcher, moving)
-        finally:
-            run.make_safe()
+    with live_graph("reader_frozen", scenario, source) as graph:
+        watcher = _Watcher(graph.client)
+        for index in range(times):
+            moving = index >= times // 2
+            graph.make_ready(moving)
+            yield _freeze(graph, watcher, moving)
 
 
-def _make_ready(run: Operator, client: DemoClient, moving: bool) -> None:
-    if client.robot_state == RobotState.FAULT:
-        client.trigger("/supervisor/reset")
-        end = time.monotonic() + _PATIENCE
-        while client.robot_state == RobotState.FAULT:
-            if time.monotonic() > end:
-                raise DemoError(f"the fault is not reset: {client.robot_message}")
-            time.sleep(0.05)
-    if client.robot_state != RobotState.ENABLED:
-        run.enable(_PATIENCE)
-        run.pause("measuring the payload", MEASURING)
-    if moving and client.phase != TrajectoryPhase.RUNNING:
-        run.call("/trajectory_publisher/start", 10.0)
-        run.wait(
-            "moving to the start",
-            lambda: client.phase == TrajectoryPhase.RUNNING,
-            _PATIENCE,
-            client.phase_text,
-        )
-
-
-def _freeze(
-    run: Operator, client: DemoClient, children: ChildProcesses, watcher: _Watcher, moving: bool
-) -> Freeze:
+def _freeze(graph: LiveGraph, watcher: _Watcher, moving: bool) -> Freeze:
+    client = graph.client
     watcher.forget()
-    run.pause("reader runs", _BETWEEN)
+    graph.operator.pause("reader runs", _BETWEEN)
     before = watcher.pause
     watcher.forget()
     end = time.monotonic() + _FROZEN
-    with children.frozen("recorder"):
+    with graph.children.frozen("recorder"):
         while time.monotonic() < end and client.robot_state != RobotState.FAULT:
             time.sleep(0.01)
     places = np.array(watcher.places[:]) - watcher.places[0]
