@@ -90,6 +90,32 @@ def test_no_torque_from_a_stale_setpoint(controller, time, stamp):
     assert controller.refusals[Refusal.STALE_SETPOINT] == 1
 
 
+@pytest.mark.parametrize("later", [0, -4_000_000, 4_000_000])
+def test_a_setpoint_of_somebody_else_is_not_used(controller, later):
+    """For the same moment, for one before, or where the motor cannot be."""
+    controller.set_setpoint(10.0, STAMP, angle=1.0, speed=0.0, torque=0.4)
+    controller.set_setpoint(10.001, STAMP + later, angle=60.0, speed=0.0, torque=0.0)
+    assert controller.unused_setpoints == 1
+    assert controller.command(10.002, STAMP, angle=1.0, speed=0.0) == pytest.approx(0.4)
+
+
+def test_a_step_that_the_motor_can_follow_is_used(controller):
+    farthest = 400.0 * 0.004 + 5.0 / 3.0
+    controller.set_setpoint(10.0, STAMP, 0.0, 0.0, 0.0)
+    controller.set_setpoint(10.004, STAMP + 4_000_000, 0.99 * farthest, 0.0, 0.0)
+    controller.set_setpoint(10.008, STAMP + 8_000_000, 2.01 * farthest, 0.0, 0.0)
+    assert controller.unused_setpoints == 1
+
+
+@pytest.mark.parametrize("stamp", [STAMP - 3_600_000_000_000, STAMP + 60_000_000])
+def test_a_setpoint_after_a_gap_is_used_whatever_it_is(controller, stamp):
+    """The drivers have been started again, or the platform turned out to be elsewhere."""
+    controller.set_setpoint(10.0, STAMP, 0.0, 0.0, 0.0)
+    controller.set_setpoint(10.06, stamp, 60.0, 0.0, 0.3)
+    assert controller.unused_setpoints == 0
+    assert controller.command(10.06, stamp, 60.0, 0.0) == pytest.approx(0.3)
+
+
 def test_gains_change_between_two_commands(controller):
     controller.set_setpoint(10.0, STAMP, 1.0, 0.0, 0.0)
     controller.set_gains(replace(GAINS, kp=1.0, kd=0.0, friction_compensation=0.0))

@@ -74,6 +74,7 @@ class MotorComponent(Component):
         values = {
             "saturations": controller.saturations,
             "unreadable_messages": self.unusable,
+            "unused_setpoints": controller.unused_setpoints,
             **{f"refusals_{cause.name.lower()}": count for cause, count in controller.refusals.items()},
         }
         return self._status(level, text, values)

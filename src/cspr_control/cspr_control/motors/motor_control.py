@@ -83,6 +83,8 @@ class MotorController:
         Number of torques that had to be limited.
     refusals
         Number of motor states not answered, by cause.
+    unused_setpoints
+        Number of set-points that did not follow the one in use.
     last_refusal
         Why the newest motor state was not answered; None if it was.
     """
@@ -90,9 +92,10 @@ class MotorController:
     def __init__(self, motor: Motor, gains: MotorGains, setpoint_timeout: float) -> None:
         self.motor = motor
         self.saturations = 0
+        self.unused_setpoints = 0
         self.refusals = dict.fromkeys(Refusal, 0)
         self.last_refusal: Refusal | None = Refusal.NO_SETPOINT
-        self._torque_limit = motor.torque_limit
+        self._torque_limit, self._speed_limit = motor.torque_limit, motor.speed_limit
         self._timeout = setpoint_timeout
         self._received = -math.inf
         self._stamp = 0
@@ -105,10 +108,15 @@ class MotorController:
         self._kp, self._kd, self._speed_delay = gains.kp, gains.kd, gains.speed_delay
         self._coulomb = gains.friction_compensation * self.motor.coulomb_friction
         self._viscous = gains.friction_compensation * self.motor.viscous_friction
+        self._largest_error = self._torque_limit / gains.kp if gains.kp > 0.0 else math.inf
         self._smoothing = gains.friction_smoothing_speed
 
     def set_setpoint(self, received: float, stamp: int, angle: float, speed: float, torque: float) -> None:
-        """Store a set-point.
+        """Store a set-point, unless it is none for this motor after the one in use.
+
+        One that is stamped no later, or lies where the motor cannot be by then, nor near enough for the controller not
+        to push with all its torque, comes from somebody else. It is counted, and the one before stays in use until it
+        is too old: then the drivers have begun to count time anew, or the platform is known to be elsewhere.
 
         Parameters
         ----------
@@ -120,6 +128,11 @@ class MotorController:
             rad, rad/s and N m. Whether they are finite is checked when they are used.
         """
         elapsed = (stamp - self._stamp) * _NANOSECOND
+        farthest = self._speed_limit * elapsed + self._largest_error
+        follows = elapsed > 0.0 and not abs(angle - self._angle) > farthest
+        if not follows and received - self._received <= self._timeout:
+            self.unused_setpoints += 1
+            return
         if elapsed > 0.0:
             acceleration = (speed - self._speed) / elapsed
             # beyond what the motor can do it is no acceleration but a jump, or not a number
