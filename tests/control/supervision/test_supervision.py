@@ -495,6 +495,27 @@ def test_a_motor_that_is_behind_is_named_with_what_keeps_it(rig, torque, tension
     assert str(rig.supervisor.fault).endswith(text)
 
 
+@pytest.mark.parametrize(
+    ("desired", "speed", "torque", "text"),
+    [
+        (50.0, 0.0, -0.4, "motor_3 falls behind, by 0.35 rad so far, its torque -0.4 of 10 N m"),
+        (-50.0, 0.0, 0.4, "motor_3 falls behind, by -0.35 rad so far, its torque 0.4 of 10 N m"),
+        (50.0, 1.0, 10.0, "motor_3 stands still, 0.35 rad behind so far, its torque at the limit of 10 N m"),
+        (50.0, 10.0, 10.0, ""),  # it moves
+        (15.0, 1.0, 10.0, ""),  # its set-point hardly does
+        (50.0, 10.0, 1.2, ""),  # it pushes
+        (50.0, 60.0, -0.4, ""),  # it catches up
+    ],
+)
+def test_a_motor_that_gives_up_is_not_waited_for(rig, desired, speed, torque, text):
+    rig.enabled()
+    rig.desired_speeds[2], rig.speeds[2], rig.torques[2] = desired, speed, torque
+    rig.angles[2] = -0.35 * np.sign(desired)
+    rig.step(0.08)
+    assert text in str(rig.supervisor.fault)
+    assert bool(text) == (rig.state is RobotState.FAULT)
+
+
 def test_what_accelerates_a_winch_contradicts_no_load_cell(rig):
     rig.enabled()
     rig.desired_accelerations[:] = 500.0 * np.array([1, -1] * 4)

@@ -90,6 +90,16 @@ _BALANCE_LASTS = 2.5
 _FELT = 0.5
 """Share of its motor's torque limit that a cable feels at least, unless something holds the winch."""
 
+_LETS_GO = 0.25
+"""Share of the limit on following errors from which a motor that falls further behind must push."""
+
+_PUSHES = 0.1
+"""Share of its torque limit that it adds to the feed-forward then, at least."""
+
+_LETS_GO_TIME, _STALLS_TIME = 0.02, 0.04
+"""s for which it may not, as torques follow commands late; and for which one at its limit may stand still."""
+
+_GOES_ON = 20.0  # rad/s of a set-point that a motor at rest does not follow: 35 mm/s of cable
 _AT_REST = 2.0  # rad/s of the motor: 3 mm/s of cable
 
 _CONTROLLABLE_WITHOUT = (MonitoredInput.CABLE_TENSIONS, MonitoredInput.PLATFORM_POSE)
@@ -196,6 +206,8 @@ class SupervisionChecks:
         self._stuck = StuckReadings(count)
         self._tension_min, self._tension_max = map(np.array, (limits.tension_min, limits.tension_max))
         self._following_error = np.full(count, limits.following_error)
+        self._letting_go = Debounce(count, _LETS_GO_TIME)
+        self._stalled = Debounce(count, _STALLS_TIME)
         self._motor_speed = np.full(count, limits.motor_speed)
         self._workspace_min, self._workspace_max = map(np.array, (limits.workspace_min, limits.workspace_max))
         self._watches = {
@@ -214,7 +226,7 @@ class SupervisionChecks:
         out = self._way_outside()
         self._outside_when_enabled = np.where(np.isfinite(out), out, 0.0)
         self._setpoint_step = ""
-        for watch in self._watches.values():
+        for watch in (*self._watches.values(), self._letting_go, self._stalled):
             watch.clear()
 
     def observe_arrival(self, source: MonitoredInput, time: float) -> None:
@@ -356,8 +368,11 @@ class SupervisionChecks:
         if self._setpoint_step:
             faults.insert(0, Fault(FaultKind.FOLLOWING_ERROR, self._setpoint_step))
         if under_torque:
+            faults += self._motors_that_give_up(time)
             faults += self._implausible_cells(time)
         else:
+            self._letting_go.clear()
+            self._stalled.clear()
             self._watches[FaultKind.LOAD_CELL].clear()
         outside = self._outside()
         if outside is not None:
@@ -387,6 +402,35 @@ class SupervisionChecks:
                     detail += self._why_behind(worst)
                 faults.append(Fault(kind, detail, controlled=kind is FaultKind.TENSION_LOW))
         return faults
+
+    def _motors_that_give_up(self, time: float) -> list[Fault]:
+        """Return the motor of which it need not be waited for how far it will fall behind.
+
+        Whatever the gains, a controller pushes towards its set-point: one that falls behind without has let go. And no
+        sound motor stands still under all its torque while its set-point goes on.
+        """
+        limits, desired, measured, errors = (
+            self._limits,
+            self._desired,
+            self._measured,
+            self.following_errors(),
+        )
+        direction = np.sign(errors)
+        worse = direction * (desired.velocity - measured.velocity) > 0.0
+        idle = direction * (measured.effort - desired.effort) < _PUSHES * limits.motor_torque
+        # what a set-point of long ago goes on to is nobody's wish
+        fresh = self.age(MonitoredInput.SETPOINT, time) <= 0.5 * limits.max_ages[MonitoredInput.SETPOINT]
+        behind = fresh & (np.abs(errors) > _LETS_GO * limits.following_error)
+        stalled = (np.abs(measured.velocity) < _AT_REST) & (np.abs(desired.velocity) > _GOES_ON)
+        for watch, given_up, text in (
+            (self._letting_go, behind & worse & idle, "falls behind, by {:z.2f} rad so far"),
+            (self._stalled, behind & stalled & self._at_limit(), "stands still, {:z.2f} rad behind so far"),
+        ):
+            motor = watch.update(time, given_up)
+            if motor is not None:
+                detail = f"motor_{motor + 1} {text.format(errors[motor])}{self._why_behind(motor)}"
+                return [Fault(FaultKind.FOLLOWING_ERROR, detail)]
+        return []
 
     def _why_behind(self, motor: int) -> str:
         """Return what keeps a motor from its set-point, by its torque and what its cable carries."""
