@@ -28,6 +28,7 @@ def test_each_signal_has_each_kind():
     [
         ("platform_pose_off", "stale topic: /platform_pose"),
         ("setpoint_stuck", ""),
+        ("motor_states_stuck", "stale topic: /motor_states of can_drives shows the same angles of motor_1, "),
         ("reference_wrong", "following error: the set-point of motor_"),
         ("drive_frames_garbage", "motor_3"),
         ("motor_states_wrong", "motor_3"),

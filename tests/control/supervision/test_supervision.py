@@ -496,6 +496,26 @@ def test_a_motor_that_is_behind_is_named_with_what_keeps_it(rig, torque, tension
 
 
 @pytest.mark.parametrize(
+    ("motors", "moving", "found"), [([2, 5], False, True), ([2], False, False), ([2, 5], True, False)]
+)
+def test_angles_that_stand_still_while_set_points_go_on(rig, motors, moving, found):
+    rig.enabled()
+    rig.desired_speeds[:] = 0.0
+    rig.silent.add(MonitoredInput.SETPOINT)
+    for cycle in range(5):
+        wanted = np.zeros(COUNT)
+        wanted[motors] = 0.18 * cycle  # less than following_error
+        stamp = round(rig.time * 1e9) + 20_000_000
+        rig.supervisor.checks.observe_setpoint(
+            rig.time, JointStateSample(stamp, 2.0 * wanted, *np.zeros((2, COUNT)))
+        )
+        rig.angles = 2.0 * wanted if moving else np.zeros(COUNT)
+        rig.step()
+    text = "/motor_states of can_drives shows the same angles of motor_3, motor_6 again and again"
+    assert (text in str(rig.supervisor.fault)) == found
+
+
+@pytest.mark.parametrize(
     ("desired", "speed", "torque", "text"),
     [
         (50.0, 0.0, -0.4, "motor_3 falls behind, by 0.35 rad so far, its torque -0.4 of 10 N m"),

@@ -99,6 +99,12 @@ _PUSHES = 0.1
 _LETS_GO_TIME, _STALLS_TIME = 0.02, 0.04
 """s for which it may not, as torques follow commands late; and for which one at its limit may stand still."""
 
+_STANDING = 3
+"""Motor states from which angles that are exactly the same are said to stand still, ..."""
+
+_SETPOINTS_GO_ON = 1.0  # rad
+"""... if set-points have gone on by this much meanwhile."""
+
 _GOES_ON = 20.0  # rad/s of a set-point that a motor at rest does not follow: 35 mm/s of cable
 _AT_REST = 2.0  # rad/s of the motor: 3 mm/s of cable
 
@@ -195,6 +201,8 @@ class SupervisionChecks:
         self._arrivals = dict.fromkeys(MonitoredInput, -math.inf)
         self._measured = self._desired = JointStateSample(0, *np.zeros((3, count)))
         self._desired_acceleration = np.zeros(count)
+        self._standing = np.zeros(count)  # motor states in which each angle has stayed the same
+        self._wanted_then = np.zeros(count)  # set-points when each angle last changed, rad
         self._setpoint_step = ""  # of a set-point that no motor can follow, in words
         self._heard: dict[str, float] = {}  # when each node last said how it is
         self._failures: dict[str, tuple[float, str]] = {}  # when each node last failed, and how
@@ -236,7 +244,10 @@ class SupervisionChecks:
     def observe_motors(self, time: float, sample: JointStateSample) -> None:
         """Store measured motor angles, rad, speeds, rad/s, and torques, N m. (m,) each."""
         self.observe_arrival(MonitoredInput.MOTOR_STATES, time)
+        changed = sample.position != self._measured.position
         self._measured = sample
+        self._standing = np.where(changed, 0, self._standing + 1)
+        self._wanted_then = np.where(changed, self._wanted(), self._wanted_then)
 
     def observe_balance(self, time: float, unexplained: float) -> None:
         """Note how much of the cells' sum no payload explains, as a multiple of what is allowed."""
@@ -305,9 +316,13 @@ class SupervisionChecks:
 
     def following_errors(self) -> NDArray[np.float64]:
         """Desired minus measured motor angles (m,), rad, at the time of the measurement."""
-        desired, measured = self._desired, self._measured
-        ahead = (measured.stamp_ns - desired.stamp_ns) * 1e-9
-        return np.asarray(desired.position + desired.velocity * ahead - measured.position)
+        return self._wanted() - self._measured.position
+
+    def _wanted(self) -> NDArray[np.float64]:
+        """Desired motor angles (m,), rad, at the time of the measurement."""
+        desired = self._desired
+        ahead = (self._measured.stamp_ns - desired.stamp_ns) * 1e-9
+        return np.asarray(desired.position + desired.velocity * ahead)
 
     def setpoints_at_rest(self) -> bool:
         """Return whether the motors are to stand still: a reference at rest may have an offset that still moves."""
@@ -368,9 +383,11 @@ class SupervisionChecks:
         if self._setpoint_step:
             faults.insert(0, Fault(FaultKind.FOLLOWING_ERROR, self._setpoint_step))
         if under_torque:
+            faults += self._standing_angles()
             faults += self._motors_that_give_up(time)
             faults += self._implausible_cells(time)
         else:
+            self._wanted_then = self._wanted()  # the motors have yet to follow
             self._letting_go.clear()
             self._stalled.clear()
             self._watches[FaultKind.LOAD_CELL].clear()
@@ -402,6 +419,16 @@ class SupervisionChecks:
                     detail += self._why_behind(worst)
                 faults.append(Fault(kind, detail, controlled=kind is FaultKind.TENSION_LOW))
         return faults
+
+    def _standing_angles(self) -> list[Fault]:
+        """Return that angles of several motors stay exactly the same, as neither encoders nor winches do."""
+        gone_on = np.abs(self._wanted() - self._wanted_then) > _SETPOINTS_GO_ON
+        standing = np.flatnonzero((self._standing >= _STANDING) & gone_on)
+        if len(standing) < 2:
+            return []
+        source, names = MonitoredInput.MOTOR_STATES, ", ".join(f"motor_{k + 1}" for k in standing)
+        detail = f"{source.value} of {source.writer} shows the same angles of {names} again and again"
+        return [Fault(FaultKind.STALE_TOPIC, detail + " while their set-points go on")]
 
     def _motors_that_give_up(self, time: float) -> list[Fault]:
         """Return the motor of which it need not be waited for how far it will fall behind.
