@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import argparse
 import gc
-import itertools
 import os
 import sys
 import time
+from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from cspr_control.closed_loop.run import closed_loop
 from cspr_control.closed_loop.scenario import Scenario
 from cspr_control.demo.scenario import Scenario as LiveScenario
 from cspr_control.errors import ControlError
-from cspr_control.nodes.live_graph import live_graph
+from cspr_control.nodes.live_graph import passing_graph
 from cspr_control.reference.point_to_point import PointToPoint
 from cspr_kinematics import Payload
 from cspr_msgs_py.json_file import write_json
@@ -35,6 +35,7 @@ Numbers = dict[str, Any]
 CONFIG = Path("config")
 _WARM_UP = 0.2  # of the duration, in which caches fill
 _GROWTH = 10.0  # MB an hour, of one process, below which it is noise
+_HANDLES = ("descriptors", "threads", "shared_memory_files")  # of which none must be added
 _SAMPLES = 60  # of a run
 _LOAD = 200.0  # kg
 _LIFTING = 2.0  # s in which it comes aboard or goes
@@ -51,7 +52,7 @@ class Resources:
     memory: float
     descriptors: int
     threads: int
-    shared: int
+    shared_memory_files: int
 
     @classmethod
     def of(cls, pid: int) -> Resources:
@@ -63,7 +64,7 @@ class Resources:
             memory=int(status["VmRSS"].split()[0]) * 1024e-6,
             descriptors=len(os.listdir(process / "fd")),
             threads=int(status["Threads"]),
-            shared=len(os.listdir("/dev/shm")),
+            shared_memory_files=len(os.listdir("/dev/shm")),
         )
 
 
@@ -85,20 +86,16 @@ class Course:
 
         The growth is the slope of the straight line through all samples since then, as memory comes in steps.
         """
-        warm = next(index for index, moment in enumerate(self.times) if moment >= _WARM_UP * duration)
+        warm = min(bisect_left(self.times, _WARM_UP * duration), len(self.times) - 1)
         moments, found = self.times[warm:], self.found[warm:]
         slope = np.polyfit(moments, [each.memory for each in found], 1)[0] if len(moments) > 2 else 0.0
-        first, last = found[0], found[-1]
+        first, last = asdict(found[0]), asdict(found[-1])
         return {
             "process": self.name,
-            "memory_MB": last.memory,
+            "memory_MB": last["memory"],
             "memory_growth_MB_per_h": float(3600.0 * slope),
-            "descriptors": last.descriptors,
-            "descriptors_more": last.descriptors - first.descriptors,
-            "threads": last.threads,
-            "threads_more": last.threads - first.threads,
-            "shared_memory_files": last.shared,
-            "shared_memory_files_more": last.shared - first.shared,
+            **{name: last[name] for name in _HANDLES},
+            **{f"{name}_more": last[name] - first[name] for name in _HANDLES},
         }
 
 
@@ -110,23 +107,24 @@ def simulated(duration: float) -> list[Numbers]:
     try:
         loop.begin()
         begin = loop.time.monotonic()
-        for number in itertools.count():
-            elapsed = loop.time.monotonic() - begin
+        motions, elapsed = 0, 0.0
+        while elapsed < duration:
             if not course.times or elapsed >= course.times[-1] + duration / _SAMPLES:
                 gc.collect()  # what is left over is a leak
                 course.look(elapsed, os.getpid())
-                pace = elapsed / max(time.monotonic() - began, 1e-9)
+                pace = elapsed / (time.monotonic() - began)
                 print(
                     f"  {elapsed / 60.0:5.1f} of {duration / 60.0:g} min simulated, {pace:.1f} times real time, "
-                    f"{number} motions, {course.found[-1].memory:.0f} MB",
+                    f"{motions} motions, {course.found[-1].memory:.0f} MB",
                     flush=True,
                 )
-            if elapsed >= duration:
-                return [course.numbers(duration)]
-            _move(loop, number)
+            _move(loop, motions)
+            motions += 1
+            elapsed = loop.time.monotonic() - begin
+        course.look(elapsed, os.getpid())
     finally:
         loop.machine.close()
-    raise AssertionError("unreachable")
+    return [course.numbers(duration)]
 
 
 def _move(loop: RobotLoop, number: int) -> None:
@@ -158,7 +156,7 @@ def live(duration: float) -> list[Numbers]:
     courses: dict[str, Course] = {}
     causes: list[str] = []
     scenario = LiveScenario(trajectory=TrajectoryName.SMOOTH_19, payload=_LOAD, added=())
-    with live_graph("soak", scenario, CONFIG) as graph:
+    with passing_graph("soak", scenario, CONFIG) as graph:
         pids = {**graph.children.pids(), "operator": os.getpid()}
         begin = time.monotonic()
         while (elapsed := time.monotonic() - begin) < duration:
@@ -171,6 +169,7 @@ def live(duration: float) -> list[Numbers]:
                 if graph.client.robot_state != RobotState.FAULT:
                     raise
                 causes.append(str(problem))
+                graph.progress.end()
                 print(f"  {elapsed / 60.0:5.1f} min: {problem}", flush=True)
     print(f"  {len(causes)} times the robot stopped of itself")
     return [course.numbers(duration) for course in courses.values()]
@@ -197,22 +196,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"\n{'':34}{'memory, MB':>12}{'growth, MB/h':>14}{'descriptors':>13}{'threads':>12}{'/dev/shm':>10}"
     )
     for row in rows:
-        handles = (
-            f"{row[name]} ({row[f'{name}_more']:+d})"
-            for name in ("descriptors", "threads", "shared_memory_files")
-        )
-        one, other, third = handles
+        descriptors, threads, files = (f"{row[name]} ({row[f'{name}_more']:+d})" for name in _HANDLES)
         print(
             f"{row['process']:34}{row['memory_MB']:>12.1f}{row['memory_growth_MB_per_h']:>14.1f}"
-            f"{one:>13}{other:>12}{third:>10}"
+            f"{descriptors:>13}{threads:>12}{files:>10}"
         )
     if options.json is not None:
         write_json(options.json, rows)
     grown = [
         row["process"]
         for row in rows
-        if row["memory_growth_MB_per_h"] > _GROWTH
-        or any(row[f"{name}_more"] > 0 for name in ("descriptors", "threads", "shared_memory_files"))
+        if row["memory_growth_MB_per_h"] > _GROWTH or any(row[f"{name}_more"] > 0 for name in _HANDLES)
     ]
     print(f"growing: {', '.join(grown) or 'nothing'}")
     return int(bool(grown))

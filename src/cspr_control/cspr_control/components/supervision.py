@@ -197,9 +197,8 @@ class SupervisionComponent(Component):
 
     def on_motor_states(self, now: float, sample: JointStateSample) -> Outputs:
         """Store the motor states for the next check; run the checks at once when the lengths no longer fit."""
-        checks = self.supervisor.checks
-        checks.observe_motors(now, sample)
-        begun = self.lengths.observe_motors(now, sample, checks.following_errors())
+        errors = self.supervisor.checks.observe_motors(now, sample)
+        begun = self.lengths.observe_motors(now, sample, errors)
         doubled = self._order.observe(now, MOTOR_STATES, sample.stamp_ns)
         self._speeds = sample.velocity
         begun = self._observe_pair(now, self._pairs.motors(sample)) or begun

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from cspr_control.demo.scenario import Scenario
 from cspr_control.nodes.demo_operator import DemoClient
-from cspr_control.nodes.live_graph import LiveGraph, live_graph
+from cspr_control.nodes.live_graph import LiveGraph, passing_graph
 from cspr_msgs_py import topics
 from cspr_msgs_py.message_definitions import message_class
+from cspr_msgs_py.qos import qos_profile
 from cspr_msgs_py.runtime.process import subscribe_samples
 from cspr_msgs_py.vocabulary import RobotState, TrajectoryName
 from cspr_msgs_py.wire.message_values import nanoseconds
@@ -62,16 +62,9 @@ class _Watcher:
     def __init__(self, client: DemoClient) -> None:
         self._last = 0
         self.forget()
-        command = topics.motor_command(1)
-        quality = QoSProfile(depth=_QUEUED, reliability=ReliabilityPolicy.BEST_EFFORT)
-        client.create_subscription(message_class(command.type), command.name, self._on_command, quality)
-        tensions = topics.CABLE_TENSIONS
-        client.create_subscription(
-            message_class(tensions.type),
-            tensions.name,
-            lambda message: self.tensions.extend(message.effort),
-            QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-        )
+        commands = replace(topics.motor_command(1), depth=_QUEUED)
+        for topic, take in ((commands, self._on_command), (topics.CABLE_TENSIONS, self._on_tensions)):
+            client.create_subscription(message_class(topic.type), topic.name, take, qos_profile(topic))
         subscribe_samples(client, topics.TRUE_POSE, self._on_pose)
 
     def forget(self) -> None:
@@ -85,6 +78,9 @@ class _Watcher:
         if self._last:
             self.pause = max(self.pause, (stamp - self._last) * 1e-9)
         self._last = stamp
+
+    def _on_tensions(self, message: Any) -> None:
+        self.tensions.extend(message.effort)
 
     def _on_pose(self, pose: PoseSample) -> None:
         self.places.append(np.array(pose.position))
@@ -108,12 +104,14 @@ def freezes(source: Path, times: int) -> Iterator[Freeze]:
         If a process ends, or the robot cannot be enabled.
     """
     scenario = Scenario(trajectory=TrajectoryName.SMOOTH_19, payload=_PAYLOAD, added=())
-    with live_graph("reader_frozen", scenario, source) as graph:
+    with passing_graph("reader_frozen", scenario, source) as graph:
         watcher = _Watcher(graph.client)
         for index in range(times):
             moving = index >= times // 2
             graph.make_ready(moving)
-            yield _freeze(graph, watcher, moving)
+            freeze = _freeze(graph, watcher, moving)
+            graph.progress.end()
+            yield freeze
 
 
 def _freeze(graph: LiveGraph, watcher: _Watcher, moving: bool) -> Freeze:

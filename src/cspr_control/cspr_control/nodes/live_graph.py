@@ -1,4 +1,4 @@
-"""A graph of processes on this computer, by itself in a domain, and the operator who works with it."""
+"""A graph of processes on this computer, and the operator who works with it."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ class LiveGraph:
     operator: Operator
     client: DemoClient
     children: ChildProcesses
+    progress: Progress
 
     def make_ready(self, moving: bool) -> None:
         """Reset what is latched, enable the robot, and let it follow its trajectory, where that is not so already."""
@@ -57,8 +58,10 @@ class LiveGraph:
 
 
 @contextmanager
-def live_graph(title: str, scenario: Scenario, source: Path) -> Iterator[LiveGraph]:
-    """Start the processes of the demo; end them, brakes closed. Their bag and logs are temporary.
+def live_graph(
+    title: str, scenario: Scenario, source: Path, directory: Path, markers: bool = False
+) -> Iterator[LiveGraph]:
+    """Start the processes of a graph in this process' ROS domain; end them, brakes closed.
 
     Parameters
     ----------
@@ -68,22 +71,36 @@ def live_graph(title: str, scenario: Scenario, source: Path) -> Iterator[LiveGra
         What is run.
     source
         Directory of the configuration.
+    directory
+        Of the run: takes config/, bag/ and log/.
+    markers
+        Whether /robot_markers are published.
 
     Raises
     ------
     ControlError
         If a process ends, or not all of them come up.
     """
+    processes = graph_processes(scenario, source, directory, markers)
+    grace = 8.0 / scenario.speed  # the drives close their brakes in it
+    with ChildProcesses(directory / "log", grace) as children, demo_client() as client:
+        progress = Progress(title, client)
+        operator = Operator(client, children, progress, scenario.speed)
+        try:
+            operator.begin(processes)
+            yield LiveGraph(operator, client, children, progress)
+        finally:
+            operator.make_safe()
+            progress.end()
+
+
+@contextmanager
+def passing_graph(title: str, scenario: Scenario, source: Path) -> Iterator[LiveGraph]:
+    """Do so by itself on this computer, and keep neither bag nor logs; parameters and errors of `live_graph`."""
     stay(os.environ)
     with (
         tempfile.TemporaryDirectory(prefix="cspr-") as directory,
         claim_domain(),
-        ChildProcesses(Path(directory) / "log") as children,
-        demo_client() as client,
+        live_graph(title, scenario, source, Path(directory)) as graph,
     ):
-        operator = Operator(client, children, Progress(title, client), scenario.speed)
-        try:
-            operator.begin(graph_processes(scenario, source, Path(directory)))
-            yield LiveGraph(operator, client, children)
-        finally:
-            operator.make_safe()
+        yield graph

@@ -18,12 +18,10 @@ from cspr_control.analysis.numbers.tables import format_runs
 from cspr_control.analysis.recording import read_recording
 from cspr_control.analysis.results import FIGURES, REPORT, default_directory, write_results
 from cspr_control.analysis.run_analysis import RunAnalysis, analyse_recording
-from cspr_control.demo.child_processes import ChildProcesses
-from cspr_control.demo.graph_processes import graph_processes
 from cspr_control.demo.ros_domain import claim_domain
 from cspr_control.demo.scenario import Scenario
 from cspr_control.errors import ControlError
-from cspr_control.nodes.demo_operator import Operator, Progress, demo_client
+from cspr_control.nodes.live_graph import live_graph
 from cspr_control.parameters.experiment import MEASURING, SETTLING
 from cspr_control.programs.arguments import add_experiment_arguments, chosen_experiment
 from cspr_msgs_py.errors import StartError
@@ -194,42 +192,30 @@ def _new_run_directory(runs: Path) -> Path:
 
 
 def _run(scenario: Scenario, directory: Path, source: Path, markers: bool) -> tuple[RunSummary, RunAnalysis]:
-    processes = graph_processes(scenario, source, directory, markers)
-    grace = 8.0 / scenario.speed  # the drives close their brakes in it
-    with ChildProcesses(directory / "log", grace) as children, demo_client() as client:
-        progress = Progress(scenario.label, client)
-        run = Operator(client, children, progress, scenario.speed)
-        try:
-            run.begin(processes)
-            run.enable(30.0)
-            run.pause("measuring the payload", MEASURING)
-            run.call("/trajectory_publisher/start", 10.0)
-            run.wait(
-                "moving to the start", lambda: client.trajectory_times is not None, 5.0, client.phase_text
-            )
-            assert client.trajectory_times is not None  # the line above waited for it
-            start, end = client.trajectory_times
-            for time, mass in scenario.loads():
-                client.set_payload(mass, start + round(time * 1e9))
-            run.wait(
-                "moving to the start",
-                lambda: client.phase == TrajectoryPhase.RUNNING,
-                30.0,
-                client.phase_text,
-            )
-            run.wait(
-                "running",
-                lambda: client.phase == TrajectoryPhase.FINISHED,
-                (end - start) * 1e-9 + 10.0,
-                client.phase_text,
-            )
-            run.pause("settling", SETTLING)
-            run.stop()
-        except (KeyboardInterrupt, ControlError):
-            run.make_safe()
-            raise
-        finally:
-            progress.end()
+    with live_graph(scenario.label, scenario, source, directory, markers) as graph:
+        run, client = graph.operator, graph.client
+        run.enable(30.0)
+        run.pause("measuring the payload", MEASURING)
+        run.call("/trajectory_publisher/start", 10.0)
+        run.wait("moving to the start", lambda: client.trajectory_times is not None, 5.0, client.phase_text)
+        assert client.trajectory_times is not None  # the line above waited for it
+        start, end = client.trajectory_times
+        for time, mass in scenario.loads():
+            client.set_payload(mass, start + round(time * 1e9))
+        run.wait(
+            "moving to the start",
+            lambda: client.phase == TrajectoryPhase.RUNNING,
+            30.0,
+            client.phase_text,
+        )
+        run.wait(
+            "running",
+            lambda: client.phase == TrajectoryPhase.FINISHED,
+            (end - start) * 1e-9 + 10.0,
+            client.phase_text,
+        )
+        run.pause("settling", SETTLING)
+        run.stop()
     recorded = read_recording(directory / "bag", configuration_directory=directory / "config")
     chosen: dict[str, Any] = {"controller": scenario.controller, "exact_mass": scenario.exact_mass}
     analysis = analyse_recording(replace(recorded, outcome=chosen), scenario.label)

@@ -202,7 +202,7 @@ class SupervisionChecks:
         self._measured = self._desired = JointStateSample(0, *np.zeros((3, count)))
         self._desired_acceleration = np.zeros(count)
         self._standing = np.zeros(count)  # motor states in which each angle has stayed the same
-        self._wanted_then = np.zeros(count)  # set-points when each angle last changed, rad
+        self._errors_then = np.zeros(count)  # following errors when each angle last changed, rad
         self._setpoint_step = ""  # of a set-point that no motor can follow, in words
         self._heard: dict[str, float] = {}  # when each node last said how it is
         self._failures: dict[str, tuple[float, str]] = {}  # when each node last failed, and how
@@ -241,13 +241,15 @@ class SupervisionChecks:
         """Note that an input arrived."""
         self._arrivals[source] = time
 
-    def observe_motors(self, time: float, sample: JointStateSample) -> None:
-        """Store measured motor angles, rad, speeds, rad/s, and torques, N m. (m,) each."""
+    def observe_motors(self, time: float, sample: JointStateSample) -> NDArray[np.float64]:
+        """Store measured motor angles, rad, speeds, rad/s, and torques, N m, (m,) each; return the following errors."""
         self.observe_arrival(MonitoredInput.MOTOR_STATES, time)
         changed = sample.position != self._measured.position
         self._measured = sample
+        errors = self.following_errors()
         self._standing = np.where(changed, 0, self._standing + 1)
-        self._wanted_then = np.where(changed, self._wanted(), self._wanted_then)
+        self._errors_then = np.where(changed, errors, self._errors_then)
+        return errors
 
     def observe_balance(self, time: float, unexplained: float) -> None:
         """Note how much of the cells' sum no payload explains, as a multiple of what is allowed."""
@@ -316,13 +318,9 @@ class SupervisionChecks:
 
     def following_errors(self) -> NDArray[np.float64]:
         """Desired minus measured motor angles (m,), rad, at the time of the measurement."""
-        return self._wanted() - self._measured.position
-
-    def _wanted(self) -> NDArray[np.float64]:
-        """Desired motor angles (m,), rad, at the time of the measurement."""
-        desired = self._desired
-        ahead = (self._measured.stamp_ns - desired.stamp_ns) * 1e-9
-        return np.asarray(desired.position + desired.velocity * ahead)
+        desired, measured = self._desired, self._measured
+        ahead = (measured.stamp_ns - desired.stamp_ns) * 1e-9
+        return np.asarray(desired.position + desired.velocity * ahead - measured.position)
 
     def setpoints_at_rest(self) -> bool:
         """Return whether the motors are to stand still: a reference at rest may have an offset that still moves."""
@@ -379,15 +377,16 @@ class SupervisionChecks:
         under_torque
             Whether all brakes are open, so that torques and tensions belong together.
         """
-        faults = self._lasting_violations(time)
+        errors = self.following_errors()
+        faults = self._lasting_violations(time, errors)
         if self._setpoint_step:
             faults.insert(0, Fault(FaultKind.FOLLOWING_ERROR, self._setpoint_step))
         if under_torque:
-            faults += self._standing_angles()
-            faults += self._motors_that_give_up(time)
+            faults += self._standing_angles(errors)
+            faults += self._motors_that_give_up(time, errors)
             faults += self._implausible_cells(time)
         else:
-            self._wanted_then = self._wanted()  # the motors have yet to follow
+            self._errors_then = errors  # the motors have yet to follow
             self._letting_go.clear()
             self._stalled.clear()
             self._watches[FaultKind.LOAD_CELL].clear()
@@ -398,8 +397,8 @@ class SupervisionChecks:
 
     # All comparisons are written so that a number that is not finite counts as beyond the limit.
 
-    def _lasting_violations(self, time: float) -> list[Fault]:
-        errors, tensions, speeds = self.following_errors(), self._tensions, self._measured.velocity
+    def _lasting_violations(self, time: float, errors: NDArray[np.float64]) -> list[Fault]:
+        tensions, speeds = self._tensions, self._measured.velocity
         angle, speed, high, low = (
             self._following_error, self._motor_speed, self._tension_max, self._tension_min
         )  # fmt: skip
@@ -420,9 +419,9 @@ class SupervisionChecks:
                 faults.append(Fault(kind, detail, controlled=kind is FaultKind.TENSION_LOW))
         return faults
 
-    def _standing_angles(self) -> list[Fault]:
+    def _standing_angles(self, errors: NDArray[np.float64]) -> list[Fault]:
         """Return that angles of several motors stay exactly the same, as neither encoders nor winches do."""
-        gone_on = np.abs(self._wanted() - self._wanted_then) > _SETPOINTS_GO_ON
+        gone_on = np.abs(errors - self._errors_then) > _SETPOINTS_GO_ON
         standing = np.flatnonzero((self._standing >= _STANDING) & gone_on)
         if len(standing) < 2:
             return []
@@ -430,18 +429,13 @@ class SupervisionChecks:
         detail = f"{source.value} of {source.writer} shows the same angles of {names} again and again"
         return [Fault(FaultKind.STALE_TOPIC, detail + " while their set-points go on")]
 
-    def _motors_that_give_up(self, time: float) -> list[Fault]:
+    def _motors_that_give_up(self, time: float, errors: NDArray[np.float64]) -> list[Fault]:
         """Return the motor of which it need not be waited for how far it will fall behind.
 
         Whatever the gains, a controller pushes towards its set-point: one that falls behind without has let go. And no
         sound motor stands still under all its torque while its set-point goes on.
         """
-        limits, desired, measured, errors = (
-            self._limits,
-            self._desired,
-            self._measured,
-            self.following_errors(),
-        )
+        limits, desired, measured = self._limits, self._desired, self._measured
         direction = np.sign(errors)
         worse = direction * (desired.velocity - measured.velocity) > 0.0
         idle = direction * (measured.effort - desired.effort) < _PUSHES * limits.motor_torque

@@ -45,8 +45,8 @@ def set_background(niceness: int) -> str | None:
     """Keep this process out of the way of others: its threads interrupt nobody when they wake up (SCHED_BATCH).
 
     This thread and those that it will start also get the nice level `niceness` (0 to 19: the higher, the later).
-    The threads of the middleware do not: they share locks and queues in shared memory with every publisher, and
-    one that waits long for its turn makes the control loop wait with it.
+    The threads of the middleware do not: with transports of the user's own they may share locks and queues in shared
+    memory with every publisher, and one that waits long for its turn makes the control loop wait with it.
     """
     try:
         _each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0)))

@@ -42,18 +42,16 @@ def stay_by_default(environment: MutableMapping[str, str]) -> None:
     chosen = environment.get(RANGE) or _HERE
     if chosen not in _RANGES:
         raise StartError(f"{RANGE}={chosen}: ROS knows {', '.join(_RANGES)}")
-    ours = environment.get(PROFILES) == str(LOOPBACK)
-    environment[RANGE] = _HERE if ours and chosen == _AS_FILED else chosen
-    if environment.get(PROFILES) and not ours:
+    environment[RANGE] = _HERE if _is_ours(environment) else chosen
+    if environment.get(PROFILES) not in (None, "", str(LOOPBACK)):
         return  # the user's own transports
     if _beyond(environment):
         environment.pop(PROFILES, None)
         environment[TRANSPORTS] = environment.get(TRANSPORTS) or "UDPv4"
         return
     environment[PROFILES] = str(LOOPBACK)
-    if environment[RANGE] == _HERE and (environment.get("RMW_IMPLEMENTATION") or _FAST_DDS).startswith(
-        _FAST_DDS
-    ):
+    reads_it = (environment.get("RMW_IMPLEMENTATION") or _FAST_DDS).startswith(_FAST_DDS)
+    if environment[RANGE] == _HERE and reads_it:
         environment[RANGE] = _AS_FILED
 
 
@@ -76,7 +74,11 @@ def reach(environment: Mapping[str, str]) -> str:
 
 def _beyond(environment: Mapping[str, str]) -> list[str]:
     """Return what the user has set to reach beyond this computer."""
-    as_filed = environment[RANGE] == _AS_FILED and environment.get(PROFILES) == str(LOOPBACK)
-    asked = [] if as_filed or environment[RANGE] in (_HERE, "OFF") else [RANGE]
+    asked = [] if _is_ours(environment) or environment[RANGE] in (_HERE, "OFF") else [RANGE]
     asked += [name for name in PEERS if environment.get(name)]
     return [f"{name}={environment[name]}" for name in asked]
+
+
+def _is_ours(environment: Mapping[str, str]) -> bool:
+    """Return whether `stay_by_default` has chosen already, here or in the process that started this one."""
+    return environment.get(RANGE) == _AS_FILED and environment.get(PROFILES) == str(LOOPBACK)
